@@ -1,0 +1,23 @@
+//! rotorwatch: an open condition monitor for gear-rotor-bearing drivetrains.
+//!
+//! The modules stand in the order in which a signal passes them, from sensor to operator. The
+//! core (`units` to `pipeline`) is pure and synchronous; the shell (`capture` to `app`) does the
+//! input, output and waiting. `tests/layering.rs` holds the arrows between them.
+
+pub mod units;
+pub mod signal;
+pub mod machine;
+pub mod dsp;
+pub mod buffer;
+pub mod features;
+pub mod diagnosis;
+pub mod alarms;
+pub mod pipeline;
+pub mod capture;
+pub mod ingest;
+pub mod api;
+pub mod dashboard;
+pub mod config;
+pub mod telemetry;
+pub mod app;
+pub mod cli;
