@@ -1,0 +1,137 @@
+//! What the daemon's shards show to HTTP, and what HTTP may ask of them.
+//!
+//! A shard publishes an immutable [`MachineView`] at each hop; anything larger is asked for by a
+//! [`ShardRequest`] with a one-shot reply, served between blocks.
+
+use crate::alarms::AlarmEvent;
+use crate::buffer::RingStatus;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::features::ChannelFeatures;
+use crate::machine::Machine;
+use crate::signal::ChannelInfo;
+use crate::signal::Timestamp;
+use std::sync::Arc;
+use tokio::sync::oneshot;
+use tokio::sync::watch;
+
+/// How a source of samples is doing.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SourceState {
+    /// Not opened yet.
+    Starting,
+    /// Delivering samples.
+    Running,
+    /// Came to its end (a finished replay).
+    Finished,
+    /// Gave up, with the reason.
+    Failed(String),
+}
+
+/// Immutable snapshot of one machine.
+#[derive(Debug, Clone)]
+pub struct MachineView {
+    /// The source.
+    pub source: SourceState,
+    /// Stream time of the newest sample judged or received, s.
+    pub stream_time_s: f64,
+    /// UTC of stream time 0; `None`: unknown, times are counted from 1970-01-01.
+    pub start_time: Option<Timestamp>,
+    /// Channels of the stream; empty until the source opened.
+    pub channels: Arc<Vec<ChannelInfo>>,
+    /// State of the rings, one a channel.
+    pub rings: Vec<RingStatus>,
+    /// Newest verdict.
+    pub diagnosis: Option<Arc<Diagnosis>>,
+    /// Stream time since which each component (same order as in the diagnosis) and the machine
+    /// (last) has its state, s.
+    pub state_since_s: Vec<f64>,
+    /// Newest features.
+    pub features: Arc<Vec<ChannelFeatures>>,
+    /// All alarms that are not back to normal, newest first.
+    pub alarms: Arc<Vec<crate::alarms::Alarm>>,
+    /// Blocks waiting in the shard's queue, bytes.
+    pub queue_bytes: usize,
+    /// Blocks dropped because the queue was full, and their samples.
+    pub dropped: (u64, u64),
+}
+
+/// A run of raw samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Waveform {
+    /// First sample.
+    pub start: u64,
+    /// Samples, contiguous, canonical unit, channel offset left out.
+    pub samples: Vec<f32>,
+}
+
+/// Trend of one channel, in columns.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trend {
+    /// Window ends, s of stream time.
+    pub time_s: Vec<f64>,
+    /// Feature name, unit and values, each as long as `time_s`.
+    pub columns: Vec<(String, crate::units::Unit, Vec<f64>)>,
+}
+
+/// What HTTP may ask a shard.
+#[derive(Debug)]
+pub enum ShardRequest {
+    /// The newest contiguous run of at most `max_samples` samples that ends at or before `end`
+    /// (`None`: the newest).
+    Waveform {
+        /// Place in [`MachineView::channels`].
+        channel: usize,
+        /// One past the last sample wanted.
+        end: Option<u64>,
+        /// At most this many.
+        max_samples: usize,
+        /// `None` when nothing is held.
+        reply: oneshot::Sender<Option<Waveform>>,
+    },
+    /// The trend held in memory.
+    Trend {
+        /// Place in [`MachineView::channels`].
+        channel: usize,
+        /// The columns.
+        reply: oneshot::Sender<Trend>,
+    },
+    /// An operator acknowledges an alarm.
+    Acknowledge {
+        /// Which alarm.
+        alarm: u64,
+        /// Who.
+        author: String,
+        /// Why.
+        comment: String,
+        /// The alarm after the act, or why not.
+        reply: oneshot::Sender<Result<crate::alarms::Alarm, crate::alarms::ActionError>>,
+    },
+}
+
+/// Why a shard did not take a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the shard's queue is full, try again")]
+pub struct ShardBusy;
+
+/// Hands a request to a shard.
+pub type Submit = Arc<dyn Fn(ShardRequest) -> Result<(), ShardBusy> + Send + Sync>;
+
+/// One machine as the API sees it.
+#[derive(Clone)]
+pub struct MachineHandle {
+    /// The machine.
+    pub machine: Arc<Machine>,
+    /// Newest snapshot.
+    pub view: watch::Receiver<Arc<MachineView>>,
+    /// Asks the machine's shard.
+    pub submit: Submit,
+}
+
+/// An alarm transition with the machine it happened on.
+#[derive(Debug, Clone)]
+pub struct MachineAlarmEvent {
+    /// Machine id.
+    pub machine: String,
+    /// The transition.
+    pub event: AlarmEvent,
+}
