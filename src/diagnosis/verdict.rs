@@ -1,39 +1,8 @@
 //! The diagnosis as data: what is wrong, how badly, how sure, why.
 
 use super::fault::{ComponentKind, Detector, FaultMode, GearSide, State};
+use crate::features::speed::SpeedSource;
 use crate::units::{Hz, Unit};
-
-/// Where the speed of the first shaft came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SpeedSource {
-    /// Tacho pulses.
-    Tacho,
-    /// A speed channel.
-    SpeedChannel,
-    /// The capture's `shaft_speed_hz`.
-    Capture,
-    /// The machine file.
-    Machine,
-    /// The operator's option.
-    Option,
-    /// A nominal speed moved by more than 0.1 % onto shaft harmonics.
-    Estimated,
-}
-
-impl SpeedSource {
-    /// Name in documents.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Tacho => "tacho",
-            Self::SpeedChannel => "speed_channel",
-            Self::Capture => "capture",
-            Self::Machine => "machine",
-            Self::Option => "option",
-            Self::Estimated => "estimated",
-        }
-    }
-}
 
 /// Whether the machine runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,15 +1,33 @@
 //! dsp × machine → named numbers of one analysis window.
+//!
+//! [`Extractor`] turns the contiguous samples of a window into [`WindowFeatures`]: speed first, then
+//! levels, shaft lines, CWT amplitudes, bearing defect lines and gear signals. It measures and never
+//! judges: no threshold of health stands here. Must not know baselines, verdicts or alarms.
+
+pub mod speed;
+pub mod tacho;
+pub mod sensor;
+pub mod overall;
+pub mod shaft;
+pub mod bands;
+pub mod bearing;
+pub mod lines;
+pub mod absolute;
+pub mod gear;
+pub mod extract;
 
 use crate::signal::ChannelIndex;
 use crate::units::Unit;
 use std::sync::Arc;
+
+pub use extract::Extractor;
 
 /// One named number of one channel, e.g. `rms`, `velocity_rms_10_1000_hz`, `line_1x_main`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Feature {
     /// Name, stable between windows.
     pub name: Arc<str>,
-    /// Value.
+    /// Value, finite.
     pub value: f64,
     /// Unit of the value.
     pub unit: Unit,
@@ -24,4 +42,66 @@ pub struct ChannelFeatures {
     pub sample_range: (u64, u64),
     /// The numbers, in a fixed order.
     pub values: Vec<Feature>,
+}
+
+impl ChannelFeatures {
+    /// Looks a feature up by name.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.values.iter().find(|f| &*f.name == name).map(|f| f.value)
+    }
+}
+
+/// The contiguous samples of one channel in a window.
+#[derive(Debug, Clone, Copy)]
+pub struct ChannelWindow<'a> {
+    /// Index of the first sample.
+    pub start: u64,
+    /// Samples, canonical unit, channel offset left out.
+    pub samples: &'a [f32],
+}
+
+/// The samples of one window, one entry a channel of the stream; `None` where none are held
+/// contiguously.
+#[derive(Debug, Clone)]
+pub struct Window<'a> {
+    /// Start and end, s of stream time.
+    pub time_s: (f64, f64),
+    /// Samples by channel.
+    pub channels: Vec<Option<ChannelWindow<'a>>>,
+}
+
+impl Window<'_> {
+    /// Duration, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.time_s.1 - self.time_s.0
+    }
+}
+
+/// Everything measured in one window.
+#[derive(Debug, Clone)]
+pub struct WindowFeatures {
+    /// Start and end, s of stream time.
+    pub time_s: (f64, f64),
+    /// Speed of the first shaft and how it was found.
+    pub speed: speed::Speed,
+    /// Health of each sensor of the machine that has a channel.
+    pub sensors: Vec<sensor::SensorReading>,
+    /// Named numbers by channel: what baselines and trends hold.
+    pub channels: Vec<ChannelFeatures>,
+    /// Searches for bearing defect lines.
+    pub bearing_lines: Vec<bearing::LineSearch>,
+    /// Absolute-vibration lines of x/y pairs.
+    pub absolute_lines: Vec<absolute::AbsoluteLine>,
+    /// Synchronous averages at gears.
+    pub gears: Vec<gear::GearReading>,
+}
+
+impl WindowFeatures {
+    /// The features of a channel, if it was in the window.
+    #[must_use]
+    pub fn channel(&self, channel: ChannelIndex) -> Option<&ChannelFeatures> {
+        self.channels.iter().find(|c| c.channel == channel)
+    }
 }

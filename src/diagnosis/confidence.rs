@@ -1,0 +1,100 @@
+//! From readings to false-alarm probability: the null, its tail, and what searching costs.
+//!
+//! Null: the squared envelope of a stationary signal has an exponential power in each spectral cell,
+//! independent of its neighbours, whose mean is estimated from about m cells around it. Tails below
+//! 1e-4 rest on this parametric form; they are bounds by assumption, not by count.
+
+use crate::features::bearing::BandReading;
+use crate::features::bearing::Harmonic;
+
+/// Declared probability of a false warning or damaged verdict a component and record.
+pub const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
+
+/// No smaller probability is ever reported.
+const SMALLEST: f64 = 1e-300;
+
+/// Probability that noise exceeds `power_ratio` in one cell (C1): (1 + z/m)^−m, the F(2, 2m) tail of
+/// an exponential power over a mean of m exponential powers.
+#[must_use]
+pub fn cell_tail(power_ratio: f64, floor_dof: f64) -> f64 {
+    (-floor_dof * (power_ratio.max(0.0) / floor_dof).ln_1p()).exp()
+}
+
+/// Probability that noise exceeds a harmonic's reading anywhere in the cells searched (C2).
+#[must_use]
+pub fn harmonic_tail(harmonic: &Harmonic) -> f64 {
+    (harmonic.n_cells * cell_tail(harmonic.power_ratio, harmonic.floor_dof)).min(1.0)
+}
+
+/// Probability of a band's reading under noise (C3): the fundamental *and* at least one of the
+/// higher harmonics must stand out, so the larger of the two counts.
+#[must_use]
+pub fn band_probability(reading: &BandReading) -> f64 {
+    let Some(fundamental) = reading.harmonics[0] else { return 1.0 };
+    let higher: Vec<f64> = reading.harmonics[1..].iter().flatten().map(harmonic_tail).collect();
+    let best = higher.iter().copied().fold(1.0, f64::min);
+    let support = (best * higher.len() as f64).min(1.0);
+    harmonic_tail(&fundamental).max(support)
+}
+
+/// Combines the probabilities of dependent bands (C4): n/k times the k-th smallest, k = ⌈n/2⌉.
+///
+/// Valid under any dependence (Rüger 1978); it asks that *most* bands agree, as impacts do.
+#[must_use]
+pub fn combine(probabilities: &[f64]) -> f64 {
+    let mut sorted = probabilities.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    let k = n.div_ceil(2);
+    match sorted.get(k.wrapping_sub(1)) {
+        Some(p) => (p * n as f64 / k as f64).clamp(SMALLEST, 1.0),
+        None => 1.0,
+    }
+}
+
+/// Probability that a standard normal exceeds `z` (one-sided); an upper bound by Mills' ratio above
+/// z = 1, else ½ as the cautious answer.
+#[must_use]
+pub fn normal_tail(z: f64) -> f64 {
+    if z <= 1.0 {
+        return 0.5;
+    }
+    ((-0.5 * z * z).exp() / (z * (2.0 * std::f64::consts::PI).sqrt())).max(SMALLEST)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+        #[test]
+        fn the_tail_is_never_lighter_than_a_known_floors(z in 0.0..200.0_f64, m in 2.0..500.0_f64) {
+            prop_assert!(cell_tail(z, m) >= (-z).exp() * (1.0 - 1e-12));
+        }
+
+        #[test]
+        fn combining_never_gains_on_the_best(p in proptest::collection::vec(1e-12..1.0_f64, 1..30)) {
+            let best = p.iter().copied().fold(1.0, f64::min);
+            prop_assert!(combine(&p) >= best);
+        }
+    }
+
+    #[test]
+    fn half_of_the_bands_must_agree() {
+        let mut p = vec![1e-9; 7];
+        p.extend([1.0; 7]);
+        assert!((combine(&p) - 2e-9).abs() < 1e-20, "k = 7 of 14");
+        p[0] = 1.0;
+        assert!((combine(&p) - 1.0).abs() < 1e-15, "six of fourteen are not most");
+        assert!((combine(&[]) - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn mills_bound_lies_above_the_true_tail() {
+        // True upper tails of the standard normal: 2.275e-2 at 2, 1.350e-3 at 3.
+        assert!(normal_tail(2.0) > 2.275e-2 && normal_tail(2.0) < 2.8e-2);
+        assert!(normal_tail(3.0) > 1.350e-3 && normal_tail(3.0) < 1.5e-3);
+    }
+}

@@ -1,0 +1,75 @@
+//! Sensor flaws → verdicts on sensors; they never change the whole, only the data quality.
+
+use super::Context;
+use super::fault::ComponentKind;
+use super::fault::FaultMode;
+use super::fault::State;
+use super::verdict::ComponentDiagnosis;
+use super::verdict::DataQuality;
+use crate::features::WindowFeatures;
+use crate::features::sensor::SensorFlaw;
+use crate::features::sensor::SensorReading;
+
+/// Judges every sensor that has a channel; healthy sensors are not listed.
+#[must_use]
+pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
+    features.sensors.iter().filter_map(|reading| judge_one(reading, context)).collect()
+}
+
+fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<ComponentDiagnosis> {
+    let (fault, state, severity, why) = match (reading.flaw, &reading.absent) {
+        (Some(SensorFlaw::Dead), _) => {
+            (Some(FaultMode::Dead), State::Damaged, 1.0, "every sample has the same value".to_owned())
+        }
+        (Some(SensorFlaw::Stuck { part }), _) => (
+            Some(FaultMode::Stuck),
+            State::Damaged,
+            0.5 + 0.5 * part,
+            format!("the signal stays at one value for {:.0} % of the window", 100.0 * part),
+        ),
+        (Some(SensorFlaw::Clipped { part }), _) => (
+            Some(FaultMode::Clipped),
+            State::Warning,
+            0.25 + 0.25 * part.min(0.99),
+            format!("{:.2} % of the samples lie at the end of the range", 100.0 * part),
+        ),
+        (None, Some(reason)) => return Some(component(reading, context, State::Undetermined, reason.clone())),
+        (None, None) => return None,
+    };
+    let mut verdict = component(reading, context, state, why);
+    verdict.fault = fault;
+    verdict.severity = Some(severity);
+    verdict.confidence = Some(0.95);
+    Some(verdict)
+}
+
+fn component(reading: &SensorReading, context: &Context<'_>, state: State, why: String) -> ComponentDiagnosis {
+    ComponentDiagnosis {
+        id: context.channel_name(reading.channel).to_owned(),
+        kind: ComponentKind::Sensor,
+        state,
+        fault: None,
+        severity: None,
+        confidence: None,
+        why,
+        evidence: Vec::new(),
+        other_faults: Vec::new(),
+        gear: None,
+    }
+}
+
+/// Data quality over the machine's sensors: bad when none is left to judge by.
+#[must_use]
+pub fn data_quality(features: &WindowFeatures) -> DataQuality {
+    let unusable = |r: &SensorReading| {
+        r.absent.is_some() || matches!(r.flaw, Some(SensorFlaw::Dead | SensorFlaw::Stuck { .. }))
+    };
+    let flawed = features.sensors.iter().any(|r| r.flaw.is_some() || r.absent.is_some());
+    if features.sensors.iter().all(unusable) {
+        DataQuality::Bad
+    } else if flawed {
+        DataQuality::Degraded
+    } else {
+        DataQuality::Ok
+    }
+}

@@ -1,0 +1,87 @@
+//! Absolute vibration √(x² + y²) of a sensor pair: the source's bearing signature and the signal of
+//! its CWT ratios (docs/theory.md, F9).
+
+use super::bands::Band;
+use super::bearing;
+use super::bearing::BandReading;
+use super::bearing::DefectLine;
+use super::bearing::DepthSpectrum;
+use super::bearing::LineTask;
+use crate::dsp::fft::FftCache;
+use crate::dsp::spectrum::AmplitudePlan;
+use crate::machine::BearingIndex;
+use crate::signal::ChannelIndex;
+use crate::units::Hz;
+
+/// A bearing line in the absolute vibration of a pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AbsoluteLine {
+    /// Which bearing.
+    pub bearing: BearingIndex,
+    /// The pair: x and y.
+    pub pair: (ChannelIndex, ChannelIndex),
+    /// Which line.
+    pub line: DefectLine,
+    /// Kinematic rate.
+    pub expected: Hz,
+    /// Amplitude of the line, zero-to-peak, unit of the channels.
+    pub amplitude: f64,
+    /// Amplitude the local noise floor would show, same unit.
+    pub floor: f64,
+    /// The reading; its depths are amplitudes ÷ √(mean(x² + y²)).
+    pub reading: BandReading,
+    /// First sample of x and one past the last.
+    pub sample_range: (u64, u64),
+}
+
+/// The amplitude spectrum of an absolute vibration, scaled as depth.
+#[derive(Debug)]
+pub struct AbsoluteSpectrum {
+    depth: Vec<f32>,
+    bin_hz: f64,
+    duration_s: f64,
+    scale: f64,
+}
+
+impl AbsoluteSpectrum {
+    /// Transforms the absolute vibration `a` (own mean removed) of a pair whose root mean square of
+    /// √(x² + y²) is `scale`; `None` when the pair is silent.
+    #[must_use]
+    pub fn new(a: &[f32], sample_rate: Hz, scale: f64, cache: &mut FftCache<f32>) -> Option<Self> {
+        if scale <= 0.0 || a.is_empty() {
+            return None;
+        }
+        let mut plan = AmplitudePlan::new_padded(a.len(), 2 * a.len(), cache);
+        let mut depth = vec![0.0_f32; plan.n_bins()];
+        plan.process(a, &mut depth);
+        for value in &mut depth {
+            #[expect(clippy::cast_possible_truncation, reason = "spectra are f32")]
+            let scaled = (f64::from(*value) / scale) as f32;
+            *value = scaled;
+        }
+        Some(Self {
+            bin_hz: plan.bin_width_hz(sample_rate.0),
+            depth,
+            duration_s: a.len() as f64 / sample_rate.0,
+            scale,
+        })
+    }
+
+    /// Reads one line: its reading, amplitude and floor amplitude.
+    #[must_use]
+    pub fn read(&self, task: &LineTask<'_>, scratch: &mut Vec<f32>) -> Option<(BandReading, f64, f64)> {
+        let spectrum = DepthSpectrum {
+            depth: &self.depth,
+            bin_hz: self.bin_hz,
+            duration_s: self.duration_s,
+            mean_square: self.scale * self.scale,
+        };
+        let top = Hz(self.bin_hz * self.depth.len() as f64);
+        let band = Band { low: Hz(0.0), high: top, whitened: false };
+        let reading = bearing::read_line(&spectrum, band, task, scratch)?;
+        let fundamental = reading.harmonics[0]?;
+        let amplitude = fundamental.depth * self.scale;
+        let floor = amplitude / fundamental.power_ratio.max(f64::MIN_POSITIVE).sqrt();
+        Some((reading, amplitude, floor))
+    }
+}

@@ -1,0 +1,76 @@
+//! Demodulation bands: which slices of the spectrum the envelope is taken of.
+//!
+//! A fixed dyadic set (the whole usable band, halves, quarters) is read both as measured and after
+//! whitening, instead of one "best" band: a defect's impacts are broadband, a structural line is
+//! not, and a set of fixed size has a known price in false alarms (theory: docs/theory.md, F4).
+
+use crate::machine::sensor::Sensor;
+use crate::units::Hz;
+
+/// One band of the spectrum, and whether it is read after whitening.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Band {
+    /// Lower edge.
+    pub low: Hz,
+    /// Upper edge.
+    pub high: Hz,
+    /// Read after division by the local spectral level, discrete lines clipped.
+    pub whitened: bool,
+}
+
+/// Into how many equal bands the usable band is split at each level.
+const SPLITS: [u32; 3] = [1, 2, 4];
+
+/// Part of the Nyquist band that is used when the sensor states no usable band: anti-alias filters
+/// of the field roll off above 0.9…0.95 of it.
+const USABLE_PART_OF_NYQUIST: f64 = 0.95;
+
+/// Gives the band in which a sensor's signal may be believed, by its file or its sample rate.
+#[must_use]
+pub fn usable_band(sensor: &Sensor, sample_rate: Hz) -> (Hz, Hz) {
+    let top = Hz(sample_rate.0 / 2.0 * USABLE_PART_OF_NYQUIST);
+    match sensor.usable {
+        Some((low, high)) => (low, Hz(high.0.min(top.0))),
+        None => (Hz(0.0), top),
+    }
+}
+
+/// Lists the bands inside `usable` that are at least `min_width` wide, widest first.
+#[must_use]
+pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz) -> Vec<Band> {
+    let (low, high) = usable;
+    let mut bands = Vec::new();
+    for whitened in [false, true] {
+        for parts in SPLITS {
+            let width = (high.0 - low.0) / f64::from(parts);
+            if width < min_width.0 {
+                break;
+            }
+            for part in 0..parts {
+                let start = low.0 + f64::from(part) * width;
+                bands.push(Band { low: Hz(start), high: Hz(start + width), whitened });
+            }
+        }
+    }
+    bands
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_tile_the_usable_band_at_each_level() {
+        let bands = demodulation_bands((Hz(100.0), Hz(4100.0)), Hz(500.0));
+        assert_eq!(bands.len(), 14);
+        let quarters: Vec<_> = bands.iter().filter(|b| b.high.0 - b.low.0 < 1001.0).collect();
+        assert_eq!(quarters.len(), 8);
+        assert!((quarters[3].high.0 - 4100.0).abs() < 1e-9, "exact sums of representable widths");
+    }
+
+    #[test]
+    fn too_narrow_bands_are_left_out() {
+        assert_eq!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(400.0)).len(), 6);
+        assert!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(1001.0)).is_empty());
+    }
+}

@@ -1,0 +1,353 @@
+//! Bearing defect lines in the squared-envelope spectrum: searched, read, not judged.
+//!
+//! For each bearing, channel, demodulation band and defect line the fundamental is searched within
+//! slip and geometry tolerance, then its harmonics are read at multiples of what was found. What is
+//! handed on are power ratios to the local noise floor and modulation depths, with everything the
+//! false-alarm probability needs: cells searched, degrees of freedom of the floor (docs/theory.md,
+//! F5–F8).
+
+use super::bands::Band;
+use crate::dsp::stats;
+use crate::machine::BearingIndex;
+use crate::signal::ChannelIndex;
+use crate::units::Hz;
+
+/// Harmonics read of each line, the fundamental included.
+pub const N_HARMONICS: usize = 4;
+
+/// A defect's line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DefectLine {
+    /// Inner race.
+    Bpfi,
+    /// Outer race.
+    Bpfo,
+    /// Rolling element: it strikes both races, so twice the ball-spin rate.
+    TwoBsf,
+    /// Cage.
+    Ftf,
+}
+
+impl DefectLine {
+    /// All lines, in the order they are searched.
+    pub const ALL: [Self; 4] = [Self::Bpfi, Self::Bpfo, Self::TwoBsf, Self::Ftf];
+
+    /// The field's name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bpfi => "BPFI",
+            Self::Bpfo => "BPFO",
+            Self::TwoBsf => "2·BSF",
+            Self::Ftf => "FTF",
+        }
+    }
+
+    /// Name in indicators.
+    #[must_use]
+    pub fn slug(self) -> &'static str {
+        match self {
+            Self::Bpfi => "bpfi",
+            Self::Bpfo => "bpfo",
+            Self::TwoBsf => "2bsf",
+            Self::Ftf => "ftf",
+        }
+    }
+
+    /// Relative tolerance of the line's rate around the kinematic value: slip −2…+1 % for the races
+    /// and the cage, ± 2 % for the rolling element, whose contact angle varies.
+    #[must_use]
+    pub fn tolerance(self) -> (f64, f64) {
+        match self {
+            Self::Bpfi | Self::Bpfo | Self::Ftf => (-0.02, 0.01),
+            Self::TwoBsf => (-0.02, 0.02),
+        }
+    }
+}
+
+/// One harmonic as read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Harmonic {
+    /// Power of the line ÷ expected power of the noise floor at its place (1 = floor).
+    pub power_ratio: f64,
+    /// Modulation depth: amplitude of the squared envelope ÷ its mean.
+    pub depth: f64,
+    /// Independent spectral estimates the floor rests on.
+    pub floor_dof: f64,
+    /// Cells of the spectrum the maximum was taken over.
+    pub n_cells: f64,
+}
+
+/// A line as read in one band.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BandReading {
+    /// The band.
+    pub band: Band,
+    /// Rate found: least squares over the harmonics that stand out.
+    pub frequency: Hz,
+    /// Harmonics 1…; `None` where a known line of the machine lies or the spectrum ends.
+    pub harmonics: [Option<Harmonic>; N_HARMONICS],
+    /// The stronger of the two side bands at ± the spacing around the fundamental.
+    pub side_band: Option<Harmonic>,
+    /// Mean of the squared envelope, u².
+    pub mean_square: f64,
+}
+
+impl BandReading {
+    /// Root of the summed squared depths of all harmonics read: the effect size D (F8).
+    #[must_use]
+    pub fn total_depth(&self) -> f64 {
+        self.harmonics.iter().flatten().map(|h| h.depth * h.depth).sum::<f64>().sqrt()
+    }
+}
+
+/// Why a line could not be looked for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Unreadable {
+    /// The channel's band ends below what demodulation of this line needs.
+    TooSlow {
+        /// Upper end of the usable band.
+        usable: Hz,
+        /// Needed.
+        needed: Hz,
+    },
+    /// The window holds too few revolutions or cannot separate the line from its neighbours.
+    TooShort {
+        /// Length needed, s.
+        needed_s: f64,
+    },
+    /// A known line of the machine lies within the resolution.
+    Coincides {
+        /// Which.
+        with: String,
+    },
+}
+
+/// The search for one line of one bearing in one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LineSearch {
+    /// Which bearing.
+    pub bearing: BearingIndex,
+    /// Which channel.
+    pub channel: ChannelIndex,
+    /// Which line.
+    pub line: DefectLine,
+    /// Kinematic rate.
+    pub expected: Hz,
+    /// Speed of the bearing's shaft.
+    pub shaft_speed: Hz,
+    /// Smallest distance at which two lines can be told apart, Hz.
+    pub resolution: Hz,
+    /// First sample and one past the last.
+    pub sample_range: (u64, u64),
+    /// The readings, one a band, or why there are none.
+    pub outcome: Result<Vec<BandReading>, Unreadable>,
+}
+
+/// A known line of the machine that must not be read as a defect's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownLine {
+    /// Its rate.
+    pub frequency: Hz,
+    /// What it is, for people.
+    pub label: String,
+}
+
+/// What a search needs to know besides the spectrum.
+#[derive(Debug, Clone)]
+pub struct LineTask<'a> {
+    /// Which line.
+    pub line: DefectLine,
+    /// Kinematic rate.
+    pub expected: Hz,
+    /// Spacing of the side bands: 1× for races that turn, FTF for the rolling element.
+    pub side_band_spacing: Hz,
+    /// Lines to keep clear of.
+    pub known: &'a [KnownLine],
+    /// Half width of what a known line occupies, Hz.
+    pub resolution: Hz,
+    /// Half width of the noise floor's neighbourhood, Hz.
+    pub floor_half_width: Hz,
+}
+
+/// Modulation-depth spectrum of one band: bin k at k·`bin_hz`.
+#[derive(Debug, Clone, Copy)]
+pub struct DepthSpectrum<'a> {
+    /// Depths.
+    pub depth: &'a [f32],
+    /// Bin spacing, Hz (half the resolution 1/T: padded twice).
+    pub bin_hz: f64,
+    /// Duration T of the window, s.
+    pub duration_s: f64,
+    /// Mean of the squared envelope, u².
+    pub mean_square: f64,
+}
+
+/// Independent spectral cells a hertz of a Hann-windowed record of T seconds: T/1.5.
+const HANN_ENBW: f64 = 1.5;
+
+/// A harmonic takes part in the frequency estimate when its power ratio exceeds this: at 12 a noise
+/// cell does so once in 160 000.
+const STANDS_OUT: f64 = 12.0;
+
+/// Finds which known line, if any, blocks the whole neighbourhood of `expected`: slip of races is
+/// small and negative, so a line is lost when its kinematic place is covered.
+#[must_use]
+pub fn coinciding(expected: Hz, known: &[KnownLine], resolution: Hz) -> Option<&KnownLine> {
+    known.iter().find(|line| (line.frequency.0 - expected.0).abs() < resolution.0)
+}
+
+/// Searches one line in one band (F5–F7). `None` when every cell in tolerance is covered by known
+/// lines or outside the spectrum.
+#[must_use]
+pub fn read_line(
+    spectrum: &DepthSpectrum<'_>,
+    band: Band,
+    task: &LineTask<'_>,
+    scratch: &mut Vec<f32>,
+) -> Option<BandReading> {
+    let (low, high) = task.line.tolerance();
+    let first = bin_at(task.expected.0 * (1.0 + low), spectrum.bin_hz);
+    let last = bin_at(task.expected.0 * (1.0 + high), spectrum.bin_hz);
+    let found = strongest(spectrum, task, first, last)?;
+    let n_cells = ((last - first) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW).max(0.0) + 1.0;
+    let mut harmonics = [None; N_HARMONICS];
+    harmonics[0] = measure(spectrum, task, found, n_cells, scratch);
+    let fundamental = harmonics[0]?;
+    let mut sums = (found as f64, 1.0);
+    for (i, slot) in harmonics.iter_mut().enumerate().skip(1) {
+        let h = i + 1;
+        let centre = (sums.0 / sums.1 * h as f64).round();
+        let reach = h.div_ceil(2);
+        let Some(at) = strongest(spectrum, task, floor_to_usize(centre).saturating_sub(reach), floor_to_usize(centre) + reach)
+        else {
+            continue;
+        };
+        *slot = measure(spectrum, task, at, 1.0 + h as f64 / 2.0, scratch);
+        if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT) && fundamental.power_ratio > STANDS_OUT {
+            sums.0 += (h * at) as f64;
+            sums.1 += (h * h) as f64;
+        }
+    }
+    let frequency = sums.0 / sums.1 * spectrum.bin_hz;
+    let side_band = side_band(spectrum, task, frequency, scratch);
+    Some(BandReading { band, frequency: Hz(frequency), harmonics, side_band, mean_square: spectrum.mean_square })
+}
+
+/// Reads the stronger of the side bands at ± spacing around `frequency_hz`.
+fn side_band(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    frequency_hz: f64,
+    scratch: &mut Vec<f32>,
+) -> Option<Harmonic> {
+    [-1.0, 1.0]
+        .iter()
+        .filter_map(|sign| {
+            let centre = bin_at(frequency_hz + sign * task.side_band_spacing.0, spectrum.bin_hz);
+            let at = strongest(spectrum, task, centre.saturating_sub(1), centre + 1)?;
+            measure(spectrum, task, at, 4.0, scratch)
+        })
+        .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
+}
+
+/// Strongest bin of `first..=last` that no known line covers.
+fn strongest(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, first: usize, last: usize) -> Option<usize> {
+    (first.max(2)..=last)
+        .filter(|k| *k < spectrum.depth.len())
+        .filter(|k| coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none())
+        .max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]))
+}
+
+/// Reads bin `at` against the median of its neighbourhood; for exponential noise powers the mean is
+/// median/ln 2.
+fn measure(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    at: usize,
+    n_cells: f64,
+    scratch: &mut Vec<f32>,
+) -> Option<Harmonic> {
+    let half = floor_to_usize(task.floor_half_width.0 / spectrum.bin_hz).max(8);
+    let low = at.saturating_sub(half).max(2);
+    let high = (at + half).min(spectrum.depth.len().saturating_sub(1));
+    if high <= low + 8 {
+        return None;
+    }
+    scratch.clear();
+    scratch.extend_from_slice(&spectrum.depth[low..=high]);
+    let median = f64::from(stats::median(scratch)?);
+    let floor_power = median * median / std::f64::consts::LN_2;
+    let depth = f64::from(spectrum.depth[at]);
+    if floor_power <= 0.0 {
+        return None;
+    }
+    // Half of the independent cells: what a median is worth against a mean for exponential powers.
+    let cells = (high - low + 1) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW;
+    Some(Harmonic { power_ratio: depth * depth / floor_power, depth, floor_dof: (cells / 2.0).max(1.0), n_cells })
+}
+
+fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
+    floor_to_usize((frequency_hz / bin_hz).round())
+}
+
+/// Non-negative float to index; saturates, NaN gives 0.
+fn floor_to_usize(x: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    let i = x as usize;
+    i
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BAND: Band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
+
+    /// Flat pseudo-noise of depth about 0.01 and lines of given depth at harmonics of `rate_hz`.
+    fn spectrum_with(rate_hz: f64, depths: &[f32], bin_hz: f64) -> Vec<f32> {
+        let mut state = 12345_u64;
+        let mut depth: Vec<f32> = (0..20_000)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                let u = ((state >> 33) as f64 + 1.0) / (1u64 << 31) as f64;
+                (0.01 * (-u.min(1.0).ln()).sqrt()) as f32
+            })
+            .collect();
+        for (i, d) in depths.iter().enumerate() {
+            depth[((i + 1) as f64 * rate_hz / bin_hz).round() as usize] = *d;
+        }
+        depth
+    }
+
+    fn task(known: &[KnownLine]) -> LineTask<'_> {
+        LineTask {
+            line: DefectLine::Bpfo,
+            expected: Hz(100.0),
+            side_band_spacing: Hz(25.0),
+            known,
+            resolution: Hz(0.2),
+            floor_half_width: Hz(20.0),
+        }
+    }
+
+    #[test]
+    fn a_slipping_line_and_its_harmonics_are_found() {
+        let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
+        let spectrum = DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
+        assert!((reading.frequency.0 - 98.9).abs() < 0.05, "one bin of the grid");
+        assert!((reading.total_depth() - 0.38_f64.sqrt()).abs() < 0.02, "noise of the empty fourth harmonic");
+        assert!(reading.harmonics[0].unwrap().power_ratio > 1000.0);
+    }
+
+    #[test]
+    fn a_known_line_is_not_read_as_a_defect() {
+        let depth = spectrum_with(100.0, &[0.5], 0.05);
+        let spectrum = DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let known = [KnownLine { frequency: Hz(100.0), label: "4x main".into() }];
+        let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
+        assert!(reading.harmonics[0].unwrap().depth < 0.05);
+        assert_eq!(coinciding(Hz(100.1), &known, Hz(0.2)).unwrap().label, "4x main");
+    }
+}

@@ -1,0 +1,371 @@
+//! One window in, its features out: the order of measurement on one screen.
+
+use super::ChannelFeatures;
+use super::ChannelWindow;
+use super::Feature;
+use super::Window;
+use super::WindowFeatures;
+use super::absolute::AbsoluteLine;
+use super::gear;
+use super::lines::LineReader;
+use super::overall;
+use super::sensor;
+use super::sensor::SensorReading;
+use super::shaft;
+use super::speed;
+use super::speed::Peak;
+use super::speed::Speed;
+use super::speed::SpeedHints;
+use crate::dsp::absolute::absolute_vibration;
+use crate::dsp::cwt::MorletPlan;
+use crate::dsp::fft;
+use crate::dsp::fft::FftCache;
+use crate::dsp::fft::ForwardPlan;
+use crate::dsp::integrate::Quantity;
+use crate::dsp::integrate::VelocityPlan;
+use crate::dsp::stats::Moments;
+use crate::machine::Machine;
+use crate::machine::sensor::SensorKind;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::units::Hz;
+use crate::units::Unit;
+use rustfft::num_complex::Complex;
+use std::sync::Arc;
+
+/// Morlet parameter ω₀ of all CWT amplitudes: about six visible periods of the wavelet.
+pub const OMEGA0: f64 = std::f64::consts::TAU;
+
+/// Measures windows of one machine's stream.
+#[derive(Debug)]
+pub struct Extractor {
+    machine: Arc<Machine>,
+    channels: Vec<ChannelInfo>,
+    hints: SpeedHints,
+    /// Channel of each sensor, if the stream has it.
+    channel_of_sensor: Vec<Option<ChannelIndex>>,
+    cache: FftCache<f32>,
+}
+
+/// One vibration channel on its way through the window.
+struct Trace<'a> {
+    sensor: usize,
+    channel: ChannelIndex,
+    /// Newest samples of a length that transforms fast.
+    samples: &'a [f32],
+    range: (u64, u64),
+    moments: Moments,
+    x_hat: Vec<Complex<f32>>,
+    features: Vec<Feature>,
+}
+
+impl Extractor {
+    /// Prepares for a stream of `channels`.
+    #[must_use]
+    pub fn new(machine: Arc<Machine>, channels: Vec<ChannelInfo>, hints: SpeedHints) -> Self {
+        let channel_of_sensor = machine
+            .sensors
+            .iter()
+            .map(|s| channels.iter().position(|c| c.name == s.channel).map(ChannelIndex))
+            .collect();
+        Self { machine, channels, hints, channel_of_sensor, cache: FftCache::new() }
+    }
+
+    /// Channel of each sensor of the machine, in its order.
+    #[must_use]
+    pub fn channel_of_sensor(&self) -> &[Option<ChannelIndex>] {
+        &self.channel_of_sensor
+    }
+
+    /// Measures one window.
+    #[must_use]
+    pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
+        let machine = Arc::clone(&self.machine);
+        let sensors = self.read_sensors(window);
+        let mut traces = self.vibration_traces(window, &sensors);
+        let speed = self.speed(window, &sensors, &traces);
+        let mut bearing_lines = Vec::new();
+        let mut absolute_lines = Vec::new();
+        if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
+            for trace in &mut traces {
+                let info = &self.channels[trace.channel.0];
+                trace.features.extend(shaft_features(&machine, trace, info, first, &mut self.cache));
+            }
+            let mut reader = LineReader::new(&machine, first);
+            for trace in &traces {
+                let info = &self.channels[trace.channel.0];
+                let sensor = &machine.sensors[trace.sensor];
+                let range = trace.range;
+                bearing_lines.extend(reader.envelope_lines(
+                    sensor,
+                    (trace.channel, info.sample_rate, range),
+                    &trace.x_hat,
+                    trace.samples.len(),
+                    &mut self.cache,
+                ));
+            }
+            absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
+        }
+        let gears = gear::read(&machine, &self.channels, &speed, &gear_inputs(&machine, &traces));
+        let mut channels: Vec<ChannelFeatures> = traces
+            .into_iter()
+            .map(|t| ChannelFeatures { channel: t.channel, sample_range: t.range, values: t.features })
+            .collect();
+        channels.sort_by_key(|c| c.channel);
+        WindowFeatures {
+            time_s: window.time_s,
+            speed,
+            sensors,
+            channels,
+            bearing_lines,
+            absolute_lines,
+            gears,
+        }
+    }
+
+    /// Health of every sensor that has a channel.
+    fn read_sensors(&self, window: &Window<'_>) -> Vec<SensorReading> {
+        let with_channel = self.channel_of_sensor.iter().enumerate();
+        with_channel
+            .filter_map(|(sensor, channel)| channel.map(|c| (sensor, c)))
+            .map(|(sensor, channel)| match window.channels.get(channel.0).copied().flatten() {
+                None => SensorReading {
+                    sensor,
+                    channel,
+                    absent: Some("no contiguous samples in this window".to_owned()),
+                    flaw: None,
+                    sample_range: (0, 0),
+                },
+                Some(run) => {
+                    let info = &self.channels[channel.0];
+                    let moments = Moments::of(run.samples);
+                    SensorReading {
+                        sensor,
+                        channel,
+                        absent: None,
+                        flaw: match self.machine.sensors[sensor].kind {
+                            SensorKind::Accelerometer | SensorKind::Velocity | SensorKind::Proximitor => {
+                                sensor::find_flaw(run.samples, &moments, info.full_scale)
+                            }
+                            SensorKind::Tacho
+                            | SensorKind::Speed
+                            | SensorKind::Load
+                            | SensorKind::Temperature
+                            | SensorKind::Process => None,
+                        },
+                        sample_range: range_of(run),
+                    }
+                }
+            })
+            .collect()
+    }
+
+    /// Levels and spectra of the vibration channels whose sensor is alive.
+    fn vibration_traces<'a>(&mut self, window: &Window<'a>, sensors: &[SensorReading]) -> Vec<Trace<'a>> {
+        let mut traces = Vec::new();
+        for reading in sensors {
+            let sensor = &self.machine.sensors[reading.sensor];
+            let dead = matches!(
+                reading.flaw,
+                Some(sensor::SensorFlaw::Dead | sensor::SensorFlaw::Stuck { .. })
+            );
+            let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else { continue };
+            if dead || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
+                continue;
+            }
+            let info = &self.channels[reading.channel.0];
+            let n = fft::fast_len_at_most(run.samples.len());
+            let samples = &run.samples[run.samples.len() - n..];
+            let moments = Moments::of(run.samples);
+            let mut features = overall::levels(&moments, info.unit, info.offset);
+            features.extend(velocity(samples, info, sensor.kind, &mut self.cache));
+            let mut plan = ForwardPlan::new(n, &mut self.cache);
+            let mut x_hat = vec![Complex::default(); plan.n_bins()];
+            plan.process(samples, &mut x_hat);
+            traces.push(Trace {
+                sensor: reading.sensor,
+                channel: reading.channel,
+                samples,
+                range: range_of(run),
+                moments,
+                x_hat,
+                features,
+            });
+        }
+        traces
+    }
+
+    /// Speed of the first shaft by the contract's precedence.
+    fn speed(&self, window: &Window<'_>, sensors: &[SensorReading], traces: &[Trace<'_>]) -> Speed {
+        let nominal = speed::nominal(self.hints, self.machine.shafts.first().and_then(|s| s.nominal_speed));
+        if let Some(measured) = super::tacho::measured_speed(&self.machine, &self.channels, window, sensors) {
+            return super::tacho::with_disagreement(measured, nominal);
+        }
+        let Some((nominal, source)) = nominal else { return Speed::unknown() };
+        let mut peaks: Vec<Peak> = Vec::new();
+        let mut duration_s = f64::INFINITY;
+        for trace in traces {
+            let rate = self.channels[trace.channel.0].sample_rate;
+            let n = trace.samples.len();
+            duration_s = duration_s.min(n as f64 / rate.0);
+            let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
+            peaks.extend(speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5)));
+        }
+        let imitators = imitators(&self.machine);
+        let excluded: Vec<Hz> = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
+        let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
+        let mut settled = speed::settle(nominal, source, comb);
+        if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
+            settled.notes.extend(super::tacho::disagreement("--speed", option, "the capture", capture));
+        }
+        if let (Some(capture), Some(machine)) =
+            (self.hints.capture, self.machine.shafts.first().and_then(|s| s.nominal_speed))
+        {
+            settled.notes.extend(super::tacho::disagreement("the capture", capture, "the machine file", machine));
+        }
+        settled
+    }
+
+    /// Absolute vibration of every pair: its lines, and CWT amplitudes added to x's features.
+    fn pairs(
+        &mut self,
+        machine: &Machine,
+        traces: &mut [Trace<'_>],
+        reader: &mut LineReader<'_>,
+        first: Hz,
+    ) -> Vec<AbsoluteLine> {
+        let mut found = Vec::new();
+        for pair in machine.sensor_pairs() {
+            let at = |sensor: usize, traces: &[Trace<'_>]| traces.iter().position(|t| t.sensor == sensor);
+            let (Some(ix), Some(iy)) = (at(pair.x, traces), at(pair.y, traces)) else { continue };
+            let (x, y) = (&traces[ix], &traces[iy]);
+            let info = &self.channels[x.channel.0];
+            let other = &self.channels[y.channel.0];
+            let same = (info.sample_rate, info.unit, x.range) == (other.sample_rate, other.unit, y.range);
+            if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
+                continue;
+            }
+            let n = x.samples.len();
+            let mut a = vec![0.0_f32; n];
+            absolute_vibration(x.samples, y.samples, &mut a);
+            let scale = (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
+            let channels = (x.channel, y.channel);
+            found.extend(reader.absolute_lines(
+                &machine.sensors[pair.x],
+                (channels, info.sample_rate, x.range),
+                &a,
+                scale,
+                &mut self.cache,
+            ));
+            let mut plan = ForwardPlan::new(n, &mut self.cache);
+            let mut a_hat = vec![Complex::default(); plan.n_bins()];
+            plan.process(&a, &mut a_hat);
+            let extra = cwt_features(machine, (&a_hat, n), info, first, "absolute_", &mut self.cache);
+            traces[ix].features.extend(extra);
+        }
+        found
+    }
+}
+
+/// Shaft lines and single-axis CWT amplitudes of one channel.
+fn shaft_features(
+    machine: &Machine,
+    trace: &Trace<'_>,
+    info: &ChannelInfo,
+    first: Hz,
+    cache: &mut FftCache<f32>,
+) -> Vec<Feature> {
+    let mut features = Vec::new();
+    for shaft in &machine.shafts {
+        let Some(ratio) = shaft.ratio_to_first else { continue };
+        let speed = Hz(first.0 * ratio);
+        features.extend(shaft::lines(trace.samples, info.sample_rate, &shaft.id, speed, info.unit));
+    }
+    features.extend(cwt_features(machine, (&trace.x_hat, trace.samples.len()), info, first, "", cache));
+    features
+}
+
+/// Mean CWT magnitudes at shaft and mesh frequencies of one signal's spectrum.
+fn cwt_features(
+    machine: &Machine,
+    (x_hat, n): (&[Complex<f32>], usize),
+    info: &ChannelInfo,
+    first: Hz,
+    prefix: &str,
+    cache: &mut FftCache<f32>,
+) -> Vec<Feature> {
+    let mut features = Vec::new();
+    let mut read = |name: String, frequency: Hz| {
+        let magnitude = MorletPlan::new(n, info.sample_rate.0, frequency.0, OMEGA0, cache)
+            .and_then(|mut plan| plan.mean_magnitude(x_hat));
+        if let Some(value) = magnitude.filter(|v| v.is_finite()) {
+            features.push(Feature { name: Arc::from(format!("{prefix}{name}")), value, unit: info.unit });
+        }
+    };
+    for shaft in &machine.shafts {
+        if let Some(ratio) = shaft.ratio_to_first {
+            read(shaft::cwt_name(&shaft.id), Hz(first.0 * ratio));
+        }
+    }
+    for gear in &machine.gears {
+        if let Some(speed) = machine.shaft_speed(gear.driving.shaft, first) {
+            read(shaft::cwt_mesh_name(&gear.id), gear.mesh_frequency(speed));
+        }
+    }
+    features
+}
+
+/// Velocity RMS 10–1000 Hz, where the unit is known.
+fn velocity(samples: &[f32], info: &ChannelInfo, kind: SensorKind, cache: &mut FftCache<f32>) -> Option<Feature> {
+    let quantity = match info.unit {
+        Unit::MetrePerSecondSquared => Quantity::Acceleration,
+        Unit::MillimetrePerSecond => Quantity::Velocity,
+        Unit::Micrometre | Unit::Volt | Unit::Hertz | Unit::One | Unit::Unknown => return None,
+    };
+    if kind == SensorKind::Proximitor {
+        return None;
+    }
+    let mut plan = VelocityPlan::new(samples.len(), cache);
+    let read = plan.process(samples, info.sample_rate.0, quantity, overall::VELOCITY_BAND_HZ)?;
+    Some(Feature { name: Arc::from(overall::VELOCITY_RMS), value: read.mm_per_s, unit: Unit::MillimetrePerSecond })
+}
+
+/// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
+fn imitators(machine: &Machine) -> Vec<f64> {
+    let mut orders = Vec::new();
+    for bearing in &machine.bearings {
+        let ratio = machine.shafts[bearing.shaft.0].ratio_to_first;
+        if let (Some(found), Some(ratio)) = (bearing.fault_orders(), ratio) {
+            for order in [found.bpfo, found.bpfi, 2.0 * found.bsf] {
+                orders.extend([order * ratio, 2.0 * order * ratio]);
+            }
+        }
+    }
+    orders
+}
+
+/// Whether a kind of sensor measures vibration.
+fn quantity(kind: SensorKind) -> Option<Quantity> {
+    match kind {
+        SensorKind::Accelerometer => Some(Quantity::Acceleration),
+        SensorKind::Velocity => Some(Quantity::Velocity),
+        SensorKind::Proximitor => Some(Quantity::Displacement),
+        SensorKind::Tacho
+        | SensorKind::Speed
+        | SensorKind::Load
+        | SensorKind::Temperature
+        | SensorKind::Process => None,
+    }
+}
+
+fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Input<'a>> {
+    traces
+        .iter()
+        .filter(|t| machine.sensors[t.sensor].kind == SensorKind::Accelerometer)
+        .map(|t| gear::Input { sensor: t.sensor, channel: t.channel, samples: t.samples, range: t.range })
+        .collect()
+}
+
+fn range_of(run: ChannelWindow<'_>) -> (u64, u64) {
+    (run.start, run.start + run.samples.len() as u64)
+}

@@ -1,0 +1,178 @@
+//! Synchronous averages at gears: energy that stays at one place of the revolution.
+//!
+//! The difference signal (mesh, its ± 1 side bands and the first two shaft orders removed) of a
+//! single axis tells a damaged tooth from a bow, which the mesh side bands do not (docs/theory.md,
+//! F10).
+
+use super::speed::Speed;
+use crate::dsp::fft::FftCache;
+use crate::dsp::gear::GearFigures;
+use crate::dsp::gear::GearPlan;
+use crate::dsp::gear::Localisation;
+use crate::dsp::order::PhaseTrack;
+use crate::dsp::tsa::TsaPlan;
+use crate::machine::GearIndex;
+use crate::machine::Machine;
+use crate::machine::ShaftIndex;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+
+/// A channel offered to the averages.
+#[derive(Debug, Clone, Copy)]
+pub struct Input<'a> {
+    /// Place in the machine's sensors.
+    pub sensor: usize,
+    /// Its channel.
+    pub channel: ChannelIndex,
+    /// All samples of the window.
+    pub samples: &'a [f32],
+    /// First sample and one past the last.
+    pub range: (u64, u64),
+}
+
+/// One gear's average in one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GearReading {
+    /// Which mesh.
+    pub gear: GearIndex,
+    /// Whose revolution.
+    pub shaft: ShaftIndex,
+    /// Which channel.
+    pub channel: ChannelIndex,
+    /// Whole revolutions averaged.
+    pub revolutions: usize,
+    /// Whether a tacho gave the angle (else a constant speed, and no angle means anything).
+    pub has_angle: bool,
+    /// Figures of merit.
+    pub figures: GearFigures,
+    /// Where the energy sits.
+    pub localisation: Localisation,
+    /// Largest amplitude of the difference signal, smoothed over one tooth, unit of the channel.
+    pub local_amplitude: f64,
+    /// Shaft angle of the negative-to-positive crossing of the once-a-revolution component, degrees.
+    pub zero_crossing_deg: f64,
+    /// First sample and one past the last.
+    pub sample_range: (u64, u64),
+}
+
+/// Fewest revolutions an average is worth: 1/√R leaves a quarter of what is not synchronous.
+const MIN_REVOLUTIONS: usize = 16;
+
+/// Without a tacho the angle drifts by speed error × revolutions; only a speed confirmed by a comb
+/// of shaft harmonics is averaged on.
+const MIN_CONFIDENCE_WITHOUT_TACHO: f64 = 0.95;
+
+/// Name of the feature "local amplitude of the difference signal of `gear` over `shaft`".
+#[must_use]
+pub fn local_name(gear: &str, shaft: &str) -> String {
+    format!("tsa_local_{gear}_{shaft}")
+}
+
+/// Averages every gear in every channel offered.
+#[must_use]
+pub fn read(machine: &Machine, channels: &[ChannelInfo], speed: &Speed, inputs: &[Input<'_>]) -> Vec<GearReading> {
+    let Some(first) = speed.first.filter(|f| f.0 > 0.0) else { return Vec::new() };
+    let mut cache = FftCache::new();
+    let mut found = Vec::new();
+    for (g, gear) in machine.gears.iter().enumerate() {
+        let mut done: Vec<f64> = Vec::new();
+        for member in [&gear.driving, &gear.driven] {
+            let Some(ratio) = machine.shaft(member.shaft).ratio_to_first else { continue };
+            if done.iter().any(|r| (r - ratio).abs() < 1e-9) {
+                continue;
+            }
+            done.push(ratio);
+            let Some((track, has_angle)) = track(speed, ratio, first.0) else { continue };
+            for input in inputs {
+                let rate = channels[input.channel.0].sample_rate.0;
+                let usable = super::bands::usable_band(&machine.sensors[input.sensor], channels[input.channel.0].sample_rate);
+                let task = Average {
+                    rate,
+                    samples_per_rev: rate / (first.0 * ratio),
+                    teeth: member.teeth,
+                    max_order: index(usable.1.0 / (first.0 * ratio)),
+                };
+                let read = task.run(input, &track, &mut cache);
+                found.extend(read.map(|r| GearReading { gear: GearIndex(g), shaft: member.shaft, has_angle, ..r }));
+            }
+        }
+    }
+    found
+}
+
+/// The angle of a shaft: by tacho when it sits on a shaft of the same speed, else constant.
+fn track(speed: &Speed, ratio: f64, first_hz: f64) -> Option<(PhaseTrack, bool)> {
+    if let Some(phase) = speed.phase.as_ref().filter(|_| (ratio - 1.0).abs() < 1e-9) {
+        return Some((phase.clone(), true));
+    }
+    let steady = speed.confidence >= MIN_CONFIDENCE_WITHOUT_TACHO && speed.excursion < 1e-3;
+    let constant = PhaseTrack::constant(first_hz * ratio)?;
+    steady.then_some((constant, false))
+}
+
+/// One average to make.
+struct Average {
+    rate: f64,
+    samples_per_rev: f64,
+    teeth: u32,
+    max_order: usize,
+}
+
+impl Average {
+    fn run(&self, input: &Input<'_>, track: &PhaseTrack, cache: &mut FftCache<f64>) -> Option<GearReading> {
+        let points = index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
+        let order_kept = index(0.43 * self.samples_per_rev.min(points as f64));
+        let teeth = usize::try_from(self.teeth).ok()?;
+        let mut plan = GearPlan::new(points, teeth, self.max_order.min(order_kept), cache)?;
+        let tsa = TsaPlan::new(points, self.samples_per_rev);
+        let mut y = vec![0.0_f64; points];
+        let revolutions = tsa.process(input.samples, self.rate, track, &mut y);
+        if revolutions < MIN_REVOLUTIONS {
+            return None;
+        }
+        let figures = plan.process(&y);
+        let localisation = plan.localise()?;
+        let local_amplitude = figures.difference_rms * (2.0 * localisation.peak_over_mean).sqrt();
+        Some(GearReading {
+            gear: GearIndex(0),
+            shaft: ShaftIndex(0),
+            channel: input.channel,
+            revolutions,
+            has_angle: false,
+            figures,
+            localisation,
+            local_amplitude,
+            zero_crossing_deg: zero_crossing_deg(&y),
+            sample_range: input.range,
+        })
+    }
+}
+
+/// Angle at which the first harmonic of one revolution crosses zero upwards: with the component
+/// A·cos(θ − φ) it is φ − 90°.
+fn zero_crossing_deg(y: &[f64]) -> f64 {
+    let (mut c, mut s) = (0.0, 0.0);
+    for (i, value) in y.iter().enumerate() {
+        let angle = std::f64::consts::TAU * i as f64 / y.len() as f64;
+        c += value * angle.cos();
+        s += value * angle.sin();
+    }
+    (s.atan2(c).to_degrees() - 90.0).rem_euclid(360.0)
+}
+
+fn index(x: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    let i = x as usize;
+    i
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_crossing_of_a_cosine_is_ninety_degrees_before_its_crest() {
+        let y: Vec<f64> = (0..360).map(|d| f64::from(d - 120).to_radians().cos()).collect();
+        assert!((zero_crossing_deg(&y) - 30.0).abs() < 1e-9, "a cosine with its crest at 120°");
+    }
+}

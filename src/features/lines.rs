@@ -1,0 +1,322 @@
+//! Sends every bearing line of the machine through the reader: which sensor listens to which
+//! bearing, which lines of the machine to keep clear of, which bands to read.
+
+use super::absolute::AbsoluteLine;
+use super::absolute::AbsoluteSpectrum;
+use super::bands;
+use super::bands::Band;
+use super::bearing;
+use super::bearing::BandReading;
+use super::bearing::DefectLine;
+use super::bearing::DepthSpectrum;
+use super::bearing::KnownLine;
+use super::bearing::LineSearch;
+use super::bearing::LineTask;
+use super::bearing::Unreadable;
+use crate::dsp::envelope;
+use crate::dsp::envelope::EnvelopeSpectrumPlan;
+use crate::dsp::envelope::SquaredEnvelopePlan;
+use crate::dsp::fft::FftCache;
+use crate::dsp::whiten::WhitenPlan;
+use crate::machine::BearingIndex;
+use crate::machine::Machine;
+use crate::machine::sensor::Location;
+use crate::machine::sensor::Sensor;
+use crate::machine::sensor::SensorKind;
+use crate::signal::ChannelIndex;
+use crate::units::Hz;
+use rustfft::num_complex::Complex;
+
+/// A window must hold this many revolutions before its lines can be told from shaft harmonics.
+const MIN_REVOLUTIONS: f64 = 20.0;
+
+/// A demodulation band must be this many times wider than the fastest line: line, two harmonics and
+/// side bands.
+const MIN_WIDTH_PER_LINE: f64 = 2.5;
+
+/// Half width of a Hann main lobe, bins of 1/T.
+const HANN_LOBE: f64 = 2.0;
+
+/// Bins that stand more than this many noise levels high are discrete lines and are clipped by the
+/// whitened bands: a Gaussian bin does so once in 8000 (Rayleigh).
+const WHITEN_CLIP: f64 = 3.0;
+
+/// One defect line at a window's speed.
+struct Target {
+    line: DefectLine,
+    expected: Hz,
+    side_band_spacing: Hz,
+}
+
+/// Reads bearing lines at one speed.
+#[derive(Debug)]
+pub struct LineReader<'m> {
+    machine: &'m Machine,
+    first: Hz,
+    scratch: Vec<f32>,
+}
+
+/// A channel of a search: index, rate, sample range.
+type Heard = (ChannelIndex, Hz, (u64, u64));
+
+impl<'m> LineReader<'m> {
+    /// Prepares for the speed `first` of the first shaft.
+    #[must_use]
+    pub fn new(machine: &'m Machine, first: Hz) -> Self {
+        Self { machine, first, scratch: Vec::new() }
+    }
+
+    /// Reads all lines of all bearings that `sensor` listens to, in the squared envelope of its
+    /// bands. `x_hat` is the spectrum of `n` samples.
+    pub fn envelope_lines(
+        &mut self,
+        sensor: &Sensor,
+        heard: Heard,
+        x_hat: &[Complex<f32>],
+        n: usize,
+        cache: &mut FftCache<f32>,
+    ) -> Vec<LineSearch> {
+        let (_, rate, _) = heard;
+        let duration_s = n as f64 / rate.0;
+        let usable = bands::usable_band(sensor, rate);
+        let mut searches = Vec::new();
+        let mut pending: Vec<(usize, Target)> = Vec::new();
+        let mut fastest = Hz(0.0);
+        for bearing in self.bearings_heard_by(sensor) {
+            let Some(shaft_speed) = self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first) else {
+                continue;
+            };
+            for target in self.targets(bearing, shaft_speed) {
+                let known = self.known_lines(&target);
+                let blocked = unreadable(&target, &known, usable, shaft_speed, duration_s);
+                if blocked.is_none() {
+                    fastest = Hz(fastest.0.max(target.expected.0));
+                    pending.push((searches.len(), Target { ..target }));
+                }
+                searches.push(LineSearch {
+                    bearing,
+                    channel: heard.0,
+                    line: target.line,
+                    expected: target.expected,
+                    shaft_speed,
+                    resolution: Hz(HANN_LOBE / duration_s),
+                    sample_range: heard.2,
+                    outcome: blocked.map_or(Ok(Vec::new()), Err),
+                });
+            }
+        }
+        if !pending.is_empty() {
+            self.read_bands((x_hat, n, rate), usable, fastest, &pending, &mut searches, cache);
+        }
+        searches
+    }
+
+    /// Demodulates band by band and reads every pending line in each.
+    fn read_bands(
+        &mut self,
+        (x_hat, n, rate): (&[Complex<f32>], usize, Hz),
+        usable: (Hz, Hz),
+        fastest: Hz,
+        pending: &[(usize, Target)],
+        searches: &mut [LineSearch],
+        cache: &mut FftCache<f32>,
+    ) {
+        let duration_s = n as f64 / rate.0;
+        let mut whitened = vec![Complex::default(); x_hat.len()];
+        let half_width = index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
+        WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
+        let known: Vec<_> = pending.iter().map(|(_, target)| self.known_lines(target)).collect();
+        let min_width = Hz(fastest.0 * MIN_WIDTH_PER_LINE);
+        for band in bands::demodulation_bands(usable, min_width) {
+            let source = if band.whitened { &whitened[..] } else { x_hat };
+            let Some((depth, bin_hz, mean_square)) = depth_spectrum(source, n, rate, band, cache) else { continue };
+            let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square };
+            for ((place, target), known) in pending.iter().zip(&known) {
+                let search = &mut searches[*place];
+                let task = task(target, known, search.shaft_speed, duration_s);
+                let reading = bearing::read_line(&spectrum, band, &task, &mut self.scratch);
+                if let (Ok(readings), Some(reading)) = (&mut search.outcome, reading) {
+                    readings.push(reading);
+                }
+            }
+        }
+    }
+
+    /// Reads the lines of the pair's bearing in its absolute vibration `a`.
+    pub fn absolute_lines(
+        &mut self,
+        sensor: &Sensor,
+        (pair, rate, range): ((ChannelIndex, ChannelIndex), Hz, (u64, u64)),
+        a: &[f32],
+        scale: f64,
+        cache: &mut FftCache<f32>,
+    ) -> Vec<AbsoluteLine> {
+        let duration_s = a.len() as f64 / rate.0;
+        let Some(spectrum) = AbsoluteSpectrum::new(a, rate, scale, cache) else { return Vec::new() };
+        let usable = bands::usable_band(sensor, rate);
+        let mut found = Vec::new();
+        for bearing in self.bearings_heard_by(sensor) {
+            let Some(shaft_speed) = self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first) else {
+                continue;
+            };
+            for target in self.targets(bearing, shaft_speed) {
+                let known = self.known_lines(&target);
+                if unreadable(&target, &known, usable, shaft_speed, duration_s).is_some() {
+                    continue;
+                }
+                let task = task(&target, &known, shaft_speed, duration_s);
+                if let Some((reading, amplitude, floor)) = spectrum.read(&task, &mut self.scratch) {
+                    found.push(AbsoluteLine {
+                        bearing,
+                        pair,
+                        line: target.line,
+                        expected: target.expected,
+                        amplitude,
+                        floor,
+                        reading,
+                        sample_range: range,
+                    });
+                }
+            }
+        }
+        found
+    }
+
+    /// The bearings a sensor is asked about: its own; or, for a sensor elsewhere, those on its shaft
+    /// (any, at a gear) that have no sensor of their own.
+    fn bearings_heard_by(&self, sensor: &Sensor) -> Vec<BearingIndex> {
+        if !matches!(sensor.kind, SensorKind::Accelerometer | SensorKind::Velocity) {
+            return Vec::new();
+        }
+        let has_own = |b: usize| {
+            self.machine.sensors.iter().any(|s| {
+                s.at == Some(Location::Bearing(BearingIndex(b)))
+                    && matches!(s.kind, SensorKind::Accelerometer | SensorKind::Velocity)
+            })
+        };
+        let near = |b: usize| match sensor.at {
+            Some(Location::Bearing(own)) => own.0 == b,
+            Some(Location::Shaft(shaft)) => !has_own(b) && self.machine.bearings[b].shaft == shaft,
+            Some(Location::Gear(_)) | None => !has_own(b),
+        };
+        (0..self.machine.bearings.len()).filter(|b| near(*b)).map(BearingIndex).collect()
+    }
+
+    /// The defect lines of a bearing at the window's speed; none without geometry.
+    fn targets(&self, bearing: BearingIndex, shaft_speed: Hz) -> Vec<Target> {
+        let Some(rates) = self.machine.bearings[bearing.0].fault_rates(shaft_speed) else { return Vec::new() };
+        let ftf = Hz(rates.ftf.0.abs());
+        DefectLine::ALL
+            .into_iter()
+            .map(|line| {
+                let (expected, side_band_spacing) = match line {
+                    DefectLine::Bpfi => (rates.bpfi, shaft_speed),
+                    DefectLine::Bpfo => (rates.bpfo, shaft_speed),
+                    DefectLine::TwoBsf => (rates.two_bsf(), ftf),
+                    DefectLine::Ftf => (ftf, shaft_speed),
+                };
+                Target { line, expected, side_band_spacing }
+            })
+            .collect()
+    }
+
+    /// Lines of the machine below the highest harmonic of `target` that are no bearing defect.
+    fn known_lines(&self, target: &Target) -> Vec<KnownLine> {
+        let top = Hz(target.expected.0 * 1.1 * bearing::N_HARMONICS as f64);
+        let mut known = Vec::new();
+        for shaft in &self.machine.shafts {
+            let Some(ratio) = shaft.ratio_to_first else { continue };
+            let speed = self.first.0 * ratio;
+            let mut k = 1.0;
+            while speed > 0.0 && k * speed < top.0 && k <= 200.0 {
+                known.push(KnownLine { frequency: Hz(k * speed), label: format!("{k}× {}", shaft.id) });
+                k += 1.0;
+            }
+        }
+        for line in mains_lines(self.machine, top) {
+            known.push(KnownLine { frequency: line, label: "mains".to_owned() });
+        }
+        known
+    }
+}
+
+/// Mains harmonics of the machine's motors below `top`.
+#[must_use]
+pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
+    let mut lines = Vec::new();
+    for motor in &machine.motors {
+        let Some(line) = motor.line_frequency.filter(|l| l.0 > 0.0) else { continue };
+        let mut k = 1.0;
+        while k * line.0 < top.0 && k <= 200.0 {
+            lines.push(Hz(k * line.0));
+            k += 1.0;
+        }
+    }
+    lines
+}
+
+/// Why a target cannot be read in a window, if so.
+fn unreadable(
+    target: &Target,
+    known: &[KnownLine],
+    usable: (Hz, Hz),
+    shaft_speed: Hz,
+    duration_s: f64,
+) -> Option<Unreadable> {
+    let needed = Hz(usable.0.0 + target.expected.0 * MIN_WIDTH_PER_LINE);
+    if usable.1.0 < needed.0 {
+        return Some(Unreadable::TooSlow { usable: usable.1, needed });
+    }
+    let needed_s = MIN_REVOLUTIONS / shaft_speed.0;
+    if duration_s < needed_s {
+        return Some(Unreadable::TooShort { needed_s });
+    }
+    let resolution = Hz(HANN_LOBE / duration_s);
+    bearing::coinciding(target.expected, known, resolution)
+        .map(|line| Unreadable::Coincides { with: line.label.clone() })
+}
+
+fn task<'a>(target: &Target, known: &'a [KnownLine], shaft_speed: Hz, duration_s: f64) -> LineTask<'a> {
+    LineTask {
+        line: target.line,
+        expected: target.expected,
+        side_band_spacing: target.side_band_spacing,
+        known,
+        resolution: Hz(HANN_LOBE / duration_s),
+        floor_half_width: Hz((0.8 * shaft_speed.0).max(25.0 / duration_s)),
+    }
+}
+
+/// Modulation-depth spectrum of one band: depths, bin spacing, mean of the squared envelope.
+fn depth_spectrum(
+    x_hat: &[Complex<f32>],
+    n: usize,
+    rate: Hz,
+    band: Band,
+    cache: &mut FftCache<f32>,
+) -> Option<(Vec<f32>, f64, f64)> {
+    let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0)?;
+    let bins = bins.start.max(1)..bins.end;
+    if bins.is_empty() {
+        return None;
+    }
+    let mut squared = SquaredEnvelopePlan::new(n, bins, cache);
+    let mut e2 = vec![0.0_f32; squared.out_len()];
+    squared.process(x_hat, &mut e2);
+    let mut plan = EnvelopeSpectrumPlan::new(e2.len(), cache);
+    let mut depth = vec![0.0_f32; plan.n_bins()];
+    let mean_square = plan.process(&e2, &mut depth)?;
+    Some((depth, plan.bin_width_hz(squared.out_rate_hz(rate.0)), mean_square))
+}
+
+fn index(x: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    let i = x as usize;
+    i
+}
+
+/// The best reading of a search by effect size among those the caller accepts.
+#[must_use]
+pub fn deepest<'a>(readings: &'a [BandReading], accept: impl Fn(&BandReading) -> bool) -> Option<&'a BandReading> {
+    readings.iter().filter(|r| accept(r)).max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()))
+}

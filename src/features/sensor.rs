@@ -1,0 +1,157 @@
+//! Is the sensor alive: dead, stuck, clipped. Read before anything else is.
+
+use crate::dsp::stats::Moments;
+use crate::signal::ChannelIndex;
+
+/// What is wrong with a sensor's signal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SensorFlaw {
+    /// Every sample has the same value.
+    Dead,
+    /// The signal stays at one value for a long run: length of the run as a part of the window.
+    Stuck {
+        /// Longest run of one value ÷ window length.
+        part: f64,
+    },
+    /// The signal is cut at its extremes: part of the samples that lie there.
+    Clipped {
+        /// Samples at either extreme ÷ window length.
+        part: f64,
+    },
+}
+
+/// Health of one sensor in a window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorReading {
+    /// Place in the machine's sensors.
+    pub sensor: usize,
+    /// Its channel.
+    pub channel: ChannelIndex,
+    /// Why the window holds no samples of it, if so.
+    pub absent: Option<String>,
+    /// What is wrong, if anything.
+    pub flaw: Option<SensorFlaw>,
+    /// First sample and one past the last.
+    pub sample_range: (u64, u64),
+}
+
+/// A run of one value longer than this part of the window is no vibration: at any sampling rate
+/// that resolves a vibration the signal crosses a quantisation step far more often.
+const STUCK_PART: f64 = 0.05;
+
+/// Clipping cuts the crest: at least this many samples and this part of the window sit at an
+/// extreme, in runs. A Gaussian or sinusoidal record has one sample there, rarely two.
+const CLIPPED_MIN_SAMPLES: usize = 8;
+
+/// See [`CLIPPED_MIN_SAMPLES`].
+const CLIPPED_PART: f64 = 1e-4;
+
+/// Looks for a flaw; `full_scale` are the ends of an integer source's range.
+#[must_use]
+pub fn find_flaw(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>) -> Option<SensorFlaw> {
+    if x.len() < 2 {
+        return None;
+    }
+    if moments.max <= moments.min {
+        return Some(SensorFlaw::Dead);
+    }
+    let n = x.len() as f64;
+    let part = longest_run(x) as f64 / n;
+    let clipped = clipped_samples(x, moments, full_scale);
+    if clipped >= CLIPPED_MIN_SAMPLES && clipped as f64 / n >= CLIPPED_PART {
+        return Some(SensorFlaw::Clipped { part: clipped as f64 / n });
+    }
+    (part > STUCK_PART && x.len() > 200).then_some(SensorFlaw::Stuck { part })
+}
+
+/// Longest run of equal neighbours.
+fn longest_run(x: &[f32]) -> usize {
+    let mut longest = 1;
+    let mut run = 1;
+    for pair in x.windows(2) {
+        run = if pair[0].to_bits() == pair[1].to_bits() { run + 1 } else { 1 };
+        longest = longest.max(run);
+    }
+    longest
+}
+
+/// Samples that sit in runs (two or more neighbours) at an extreme of the record which is beyond
+/// three standard deviations, or at the end of the number range.
+fn clipped_samples(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>) -> usize {
+    let at_end = |value: f32| match full_scale {
+        Some((low, high)) => value <= low || value >= high,
+        None => false,
+    };
+    let low = moments.min;
+    let high = moments.max;
+    let at_extreme = |value: f32| {
+        let wide = f64::from(value);
+        (wide - low).abs() <= f64::EPSILON * low.abs() || (high - wide).abs() <= f64::EPSILON * high.abs()
+    };
+    // A coarsely quantised quiet signal also repeats its extremes: what counts as a cut is a level
+    // held by neighbours more often than the next inner level is crossed, so both must be runs.
+    let pairs = x.windows(2).filter(|p| at_extreme(p[0]) && p[0].to_bits() == p[1].to_bits()).count();
+    let levels = distinct_levels_below(x, 64);
+    if levels {
+        return x.iter().filter(|v| at_end(**v)).count();
+    }
+    pairs + x.iter().filter(|v| at_end(**v)).count()
+}
+
+/// Whether the record holds fewer than `limit` different values (a coarse quantiser).
+fn distinct_levels_below(x: &[f32], limit: usize) -> bool {
+    let mut seen = std::collections::BTreeSet::new();
+    for value in x {
+        seen.insert(value.to_bits());
+        if seen.len() >= limit {
+            return false;
+        }
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flaw(x: &[f32]) -> Option<SensorFlaw> {
+        find_flaw(x, &Moments::of(x), None)
+    }
+
+    fn sine(n: usize) -> Vec<f32> {
+        (0..n).map(|i| (i as f32 * 0.0371).sin()).collect()
+    }
+
+    #[test]
+    fn a_sine_is_healthy_and_a_constant_is_dead() {
+        assert_eq!(flaw(&sine(20_000)), None);
+        assert_eq!(flaw(&[3.0; 1000]), Some(SensorFlaw::Dead));
+    }
+
+    #[test]
+    fn a_cut_sine_is_clipped() {
+        let cut: Vec<f32> = sine(20_000).iter().map(|v| v.clamp(-0.9, 0.9)).collect();
+        assert!(matches!(flaw(&cut), Some(SensorFlaw::Clipped { part }) if part > 0.1));
+    }
+
+    #[test]
+    fn a_signal_that_freezes_is_stuck() {
+        let mut x = sine(20_000);
+        let held = x[5000];
+        x[5000..7000].fill(held);
+        assert!(matches!(flaw(&x), Some(SensorFlaw::Stuck { part }) if part > 0.09));
+    }
+
+    #[test]
+    fn a_coarse_quantiser_is_not_clipped() {
+        let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 8.0).round() / 8.0).collect();
+        assert_eq!(flaw(&coarse), None);
+    }
+
+    #[test]
+    fn full_scale_counts_are_clipped() {
+        let x: Vec<f32> = sine(20_000).iter().map(|v| (v * 40_000.0).clamp(-32_768.0, 32_767.0)).collect();
+        let found = find_flaw(&x, &Moments::of(&x), Some((-32_768.0, 32_767.0)));
+        assert!(matches!(found, Some(SensorFlaw::Clipped { .. })));
+    }
+}

@@ -1,0 +1,323 @@
+//! Speed of the first shaft: everything else is read at multiples of it.
+//!
+//! Precedence: tacho, speed channel, option, capture, machine file. The last three are nominal and
+//! are moved onto shaft harmonics within ± 3 % when a comb of them stands in the spectrum
+//! (docs/theory.md, F1–F3). Harmonics that a bearing's defect lines or the mains could imitate take no part.
+
+use crate::dsp::order::PhaseTrack;
+use crate::dsp::stats;
+use crate::units::Hz;
+use rustfft::num_complex::Complex;
+
+/// Where the speed of the first shaft came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpeedSource {
+    /// Tacho pulses.
+    Tacho,
+    /// A speed channel.
+    SpeedChannel,
+    /// The capture's `shaft_speed_hz`.
+    Capture,
+    /// The machine file.
+    Machine,
+    /// The operator's option.
+    Option,
+    /// A nominal speed moved by more than 0.1 % onto shaft harmonics.
+    Estimated,
+}
+
+impl SpeedSource {
+    /// Name in documents.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tacho => "tacho",
+            Self::SpeedChannel => "speed_channel",
+            Self::Capture => "capture",
+            Self::Machine => "machine",
+            Self::Option => "option",
+            Self::Estimated => "estimated",
+        }
+    }
+}
+
+/// Nominal speeds of the first shaft offered with the data.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SpeedHints {
+    /// The operator's `--speed`.
+    pub option: Option<Hz>,
+    /// The capture's `shaft_speed_hz`.
+    pub capture: Option<Hz>,
+}
+
+/// The speed of a window.
+#[derive(Debug, Clone)]
+pub struct Speed {
+    /// Mean speed of the first shaft; `None`: unknown.
+    pub first: Option<Hz>,
+    /// Where it came from.
+    pub source: Option<SpeedSource>,
+    /// 0…1.
+    pub confidence: f64,
+    /// (max − min)/mean of the speed within the window; 0 where only a mean is known.
+    pub excursion: f64,
+    /// Angle of the first shaft, when a tacho gives it.
+    pub phase: Option<PhaseTrack>,
+    /// Things the user should know.
+    pub notes: Vec<String>,
+}
+
+impl Speed {
+    /// No speed.
+    #[must_use]
+    pub fn unknown() -> Self {
+        Self { first: None, source: None, confidence: 0.0, excursion: 0.0, phase: None, notes: Vec::new() }
+    }
+}
+
+/// Nominal speeds may be moved this far, relative.
+pub const REFINE_RANGE: f64 = 0.03;
+
+/// A move of more than this makes the source `estimated`.
+const MOVED: f64 = 1e-3;
+
+/// Highest shaft harmonic of the comb.
+const COMB: u32 = 5;
+
+/// A peak of the comb: power over the local floor. A noise cell exceeds 18 once in 6·10⁷, and a
+/// window offers some hundred cells.
+const PEAK_POWER_RATIO: f64 = 18.0;
+
+/// Two harmonics alone must be this strong to count as a comb.
+const PAIR_POWER_RATIO: f64 = 100.0;
+
+/// A harmonic closer than this, relative, to a line that could imitate it takes no part: the range
+/// of the search and of slip together.
+const IMITATION: f64 = 0.05;
+
+/// A spectral peak of one channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// Interpolated frequency.
+    pub frequency: Hz,
+    /// Power over the local floor.
+    pub power_ratio: f64,
+}
+
+/// Finds the peaks below `top` in the spectrum of `n` samples (F1): Hann window applied in the
+/// frequency domain, floor by block medians, frequency by the two-bin ratio.
+///
+/// `x_hat`: unnormalised one-sided DFT of n samples, mean removed.
+#[must_use]
+pub fn peaks(x_hat: &[Complex<f32>], n: usize, sample_rate: Hz, top: Hz, block: Hz) -> Vec<Peak> {
+    let bin_hz = sample_rate.0 / n as f64;
+    let hann = |k: usize| {
+        let at = |i: usize| x_hat.get(i).map_or((0.0, 0.0), |c| (f64::from(c.re), f64::from(c.im)));
+        let (a, b, c) = (at(k.wrapping_sub(1)), at(k), at(k + 1));
+        let re = 0.5 * b.0 - 0.25 * (a.0 + c.0);
+        let im = 0.5 * b.1 - 0.25 * (a.1 + c.1);
+        re.hypot(im)
+    };
+    let last = index((top.0 / bin_hz).ceil()).min(x_hat.len().saturating_sub(2));
+    let width = index((block.0 / bin_hz).ceil()).max(16);
+    let amplitude: Vec<f64> = (0..=last + width).map(hann).collect();
+    let mut found = Vec::new();
+    for k in 2..last {
+        let a = amplitude[k];
+        if a <= amplitude[k - 1] || a < amplitude[k + 1] {
+            continue;
+        }
+        let low = k.saturating_sub(width).max(1);
+        let mut around: Vec<f64> = amplitude[low..=(k + width).min(amplitude.len() - 1)].to_vec();
+        let Some(median) = stats::median(&mut around).filter(|m| *m > 0.0) else { continue };
+        let power_ratio = (a / median).powi(2) * std::f64::consts::LN_2;
+        if power_ratio < PEAK_POWER_RATIO {
+            continue;
+        }
+        // Two-bin ratio of the Hann window: exact for a lone line.
+        let (next, sign) = if amplitude[k + 1] >= amplitude[k - 1] {
+            (amplitude[k + 1], 1.0)
+        } else {
+            (amplitude[k - 1], -1.0)
+        };
+        let ratio = next / a;
+        let shift = sign * (2.0 * ratio - 1.0) / (1.0 + ratio);
+        found.push(Peak { frequency: Hz((k as f64 + shift) * bin_hz), power_ratio });
+    }
+    found
+}
+
+/// A comb of shaft harmonics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Comb {
+    /// Shaft speed by weighted least squares over the harmonics.
+    pub speed: Hz,
+    /// How many different harmonics agree.
+    pub harmonics: u32,
+}
+
+/// Looks for a comb of harmonics 1…5 of a speed within ± 3 % of `nominal` (F2, F3).
+///
+/// `peaks` come from all channels of a window of `duration_s`; `imitators` are orders of lines that
+/// are no shaft harmonics; `excluded` are fixed lines such as the mains.
+#[must_use]
+pub fn find_comb(
+    peaks: &[Peak],
+    nominal: Hz,
+    duration_s: f64,
+    imitators: &[f64],
+    excluded: &[Hz],
+) -> Option<Comb> {
+    let tolerance_hz = 0.5 / duration_s;
+    let usable: Vec<u32> = (1..=COMB)
+        .filter(|j| {
+            let order = f64::from(*j);
+            !imitators.iter().any(|i| (i - order).abs() < IMITATION * order)
+        })
+        .collect();
+    let offered: Vec<(u32, Peak)> = peaks
+        .iter()
+        .filter(|p| !excluded.iter().any(|e| (p.frequency.0 - e.0).abs() < 2.0 / duration_s))
+        .flat_map(|p| usable.iter().map(move |j| (*j, *p)))
+        .filter(|(j, p)| {
+            let speed = p.frequency.0 / f64::from(*j);
+            (speed / nominal.0 - 1.0).abs() <= REFINE_RANGE
+        })
+        .collect();
+    let mut best: Option<(Comb, f64)> = None;
+    for (j0, p0) in &offered {
+        let guess = p0.frequency.0 / f64::from(*j0);
+        let Some((comb, weight)) = fit(&offered, guess, tolerance_hz) else { continue };
+        let closer = |b: &(Comb, f64)| {
+            (comb.harmonics, weight) > (b.0.harmonics, b.1)
+        };
+        if best.as_ref().is_none_or(closer) {
+            best = Some((comb, weight));
+        }
+    }
+    best.map(|(comb, _)| comb).filter(|c| (c.speed.0 / nominal.0 - 1.0).abs() <= REFINE_RANGE)
+}
+
+/// Fits the peaks that agree with `guess_hz`; `None` when they are no comb: three harmonics, or two
+/// strong ones, the first or second among them.
+fn fit(offered: &[(u32, Peak)], guess_hz: f64, tolerance_hz: f64) -> Option<(Comb, f64)> {
+    let mut strongest = [0.0_f64; COMB as usize + 1];
+    let (mut numerator, mut denominator) = (0.0, 0.0);
+    for (j, peak) in offered {
+        let order = f64::from(*j);
+        if (peak.frequency.0 - guess_hz * order).abs() > tolerance_hz {
+            continue;
+        }
+        let weight = peak.power_ratio.min(1e4);
+        numerator += weight * order * peak.frequency.0;
+        denominator += weight * order * order;
+        let slot = &mut strongest[*j as usize];
+        *slot = slot.max(peak.power_ratio);
+    }
+    let present = strongest.iter().filter(|s| **s > 0.0).count();
+    let low = strongest[1].max(strongest[2]) > 0.0;
+    let strong = strongest.iter().filter(|s| **s > PAIR_POWER_RATIO).count();
+    let is_comb = low && (present >= 3 || strong >= 2);
+    let weight: f64 = strongest.iter().map(|s| s.max(1.0).ln()).sum();
+    let harmonics = u32::try_from(present).ok()?;
+    is_comb.then(|| (Comb { speed: Hz(numerator / denominator), harmonics }, weight))
+}
+
+/// Chooses the nominal speed by precedence and refines it by the comb, if one was found.
+#[must_use]
+pub fn nominal(hints: SpeedHints, machine: Option<Hz>) -> Option<(Hz, SpeedSource)> {
+    let offers = [
+        (hints.option, SpeedSource::Option),
+        (hints.capture, SpeedSource::Capture),
+        (machine, SpeedSource::Machine),
+    ];
+    offers.into_iter().find_map(|(speed, source)| speed.map(|s| (s, source)))
+}
+
+/// Turns a nominal speed and what the spectrum says into the window's speed.
+#[must_use]
+pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
+    // Until calibrated: a comb leaves little doubt; a figure written down by an operator or a rig is
+    // worth more than a name plate.
+    let (first, source, confidence) = match comb {
+        Some(comb) if (comb.speed.0 / nominal.0 - 1.0).abs() > MOVED => {
+            (comb.speed, SpeedSource::Estimated, 0.95)
+        }
+        Some(comb) => (comb.speed, source, 0.98),
+        None => match source {
+            SpeedSource::Machine => (nominal, source, 0.7),
+            SpeedSource::Tacho
+            | SpeedSource::SpeedChannel
+            | SpeedSource::Capture
+            | SpeedSource::Option
+            | SpeedSource::Estimated => (nominal, source, 0.85),
+        },
+    };
+    Speed { first: Some(first), source: Some(source), confidence, excursion: 0.0, phase: None, notes: Vec::new() }
+}
+
+fn index(x: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    let i = x as usize;
+    i
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dsp::fft::FftCache;
+    use crate::dsp::fft::ForwardPlan;
+
+    fn spectrum_of(fs: f64, n: usize, tones: &[(f64, f64)]) -> Vec<Complex<f32>> {
+        let mut state = 99_u64;
+        let x: Vec<f32> = (0..n)
+            .map(|i| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                let noise = ((state >> 33) as f64 / (1u64 << 31) as f64 - 0.5) * 0.2;
+                let t = i as f64 / fs;
+                let sum: f64 = tones.iter().map(|(f, a)| a * (std::f64::consts::TAU * f * t).cos()).sum();
+                (sum + noise) as f32
+            })
+            .collect();
+        let mut plan = ForwardPlan::new(n, &mut FftCache::new());
+        let mut x_hat = vec![Complex::default(); plan.n_bins()];
+        plan.process(&x, &mut x_hat);
+        x_hat
+    }
+
+    #[test]
+    fn a_comb_moves_a_wrong_nominal_speed() {
+        let tones = [(29.76, 0.1), (59.52, 0.08), (89.28, 0.05)];
+        let x_hat = spectrum_of(5000.0, 25_000, &tones);
+        let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(160.0), Hz(15.0));
+        let comb = find_comb(&found, Hz(30.0), 5.0, &[], &[]).unwrap();
+        // Two-bin interpolation in 20 dB noise: a few thousandths of the 0.2 Hz bin.
+        assert!((comb.speed.0 - 29.76).abs() < 2e-3, "{comb:?}");
+        assert_eq!(settle(Hz(30.0), SpeedSource::Capture, Some(comb)).source, Some(SpeedSource::Estimated));
+    }
+
+    #[test]
+    fn bearing_lines_do_not_pose_as_shaft_harmonics() {
+        // BPFO at order 3.053 of 30 Hz and its double, plus one mains line: no shaft line at all.
+        let tones = [(91.59, 0.1), (183.18, 0.1), (60.0, 0.1)];
+        let x_hat = spectrum_of(5000.0, 25_000, &tones);
+        let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(200.0), Hz(15.0));
+        assert!(found.len() >= 2);
+        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[3.053, 6.106], &[Hz(60.0)]), None);
+    }
+
+    #[test]
+    fn noise_alone_gives_no_comb() {
+        let x_hat = spectrum_of(5000.0, 25_000, &[]);
+        let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(160.0), Hz(15.0));
+        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[], &[]), None);
+    }
+
+    #[test]
+    fn precedence_is_option_capture_machine() {
+        let hints = SpeedHints { option: Some(Hz(1.0)), capture: Some(Hz(2.0)) };
+        assert_eq!(nominal(hints, Some(Hz(3.0))), Some((Hz(1.0), SpeedSource::Option)));
+        assert_eq!(nominal(SpeedHints::default(), Some(Hz(3.0))), Some((Hz(3.0), SpeedSource::Machine)));
+        assert_eq!(nominal(SpeedHints::default(), None), None);
+    }
+}
