@@ -196,3 +196,74 @@ fn quarter_turn(a: &Sensor, b: &Sensor) -> Option<bool> {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::file;
+
+    /// A machine with one sensor per (kind, unit, place, axis in degrees).
+    fn machine(sensors: &[(&str, &str, &str, f64)]) -> Machine {
+        let mut text = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+                        [[bearing]]\nid='b'\nshaft='s'\ncatalogue='X'\n"
+            .to_owned();
+        for (index, (kind, unit, at, axis)) in sensors.iter().enumerate() {
+            text.push_str(&format!(
+                "[[sensor]]\nchannel='{index}'\nkind='{kind}'\nunit='{unit}'\nat={at}\n\
+                 axis_deg={axis}\n"
+            ));
+        }
+        file::parse(&text, "m.toml").unwrap()
+    }
+
+    fn pairs(sensors: &[(&str, &str, &str, f64)]) -> Vec<(usize, usize)> {
+        machine(sensors).sensor_pairs().iter().map(|pair| (pair.x, pair.y)).collect()
+    }
+
+    const BEARING: &str = "{bearing='b'}";
+    const SHAFT: &str = "{shaft='s'}";
+
+    fn axes(first: f64, second: f64) -> Vec<(usize, usize)> {
+        pairs(&[("proximitor", "um", SHAFT, first), ("proximitor", "um", SHAFT, second)])
+    }
+
+    #[test]
+    fn x_is_the_one_from_which_y_is_reached_by_a_quarter_turn() {
+        assert_eq!(axes(0.0, 90.0), [(0, 1)]);
+        assert_eq!(axes(90.0, 0.0), [(1, 0)]);
+        // The usual probe mounting, 45° either side of the top, and angles past a full turn.
+        assert_eq!(axes(45.0, 135.0), [(0, 1)]);
+        assert_eq!(axes(315.0, 45.0), [(0, 1)]);
+        assert_eq!(axes(-45.0, -135.0), [(1, 0)]);
+    }
+
+    #[test]
+    fn five_degrees_off_is_still_a_right_angle() {
+        assert_eq!(axes(0.0, 95.0), [(0, 1)]);
+        assert_eq!(axes(0.0, 85.0), [(0, 1)]);
+        assert_eq!(axes(0.0, 265.0), [(1, 0)]);
+        assert!(axes(0.0, 95.5).is_empty());
+        assert!(axes(0.0, 84.5).is_empty());
+        assert!(axes(0.0, 0.0).is_empty());
+        assert!(axes(0.0, 180.0).is_empty());
+    }
+
+    #[test]
+    fn kind_unit_and_place_must_agree() {
+        let x = ("accelerometer", "g", BEARING, 0.0);
+        assert_eq!(pairs(&[x, ("accelerometer", "g", BEARING, 90.0)]), [(0, 1)]);
+        // Units are equal after conversion.
+        assert_eq!(pairs(&[x, ("accelerometer", "m/s^2", BEARING, 90.0)]), [(0, 1)]);
+        assert!(pairs(&[x, ("accelerometer", "V", BEARING, 90.0)]).is_empty());
+        assert!(pairs(&[x, ("accelerometer", "g", SHAFT, 90.0)]).is_empty());
+        let v = ("accelerometer", "V", BEARING, 0.0);
+        assert!(pairs(&[v, ("velocity", "V", BEARING, 90.0)]).is_empty());
+    }
+
+    #[test]
+    fn each_sensor_belongs_to_one_pair_at_most() {
+        let at = |axis| ("accelerometer", "g", BEARING, axis);
+        assert_eq!(pairs(&[at(0.0), at(90.0), at(180.0), at(270.0)]), [(0, 1), (2, 3)]);
+        assert_eq!(pairs(&[at(0.0), at(90.0), at(-90.0)]), [(0, 1)]);
+    }
+}
