@@ -242,6 +242,33 @@ fn syntax_errors_are_reported_with_the_other_mistakes_but_not_with_their_consequ
 }
 
 #[test]
+fn the_document_names_every_key() {
+    const DOCUMENT: &str = include_str!("../../../docs/machines.md");
+    let member = "{shaft='s',teeth=9,zz=1}";
+    let text = format!(
+        "zz=1\n[machine]\nid='m'\nzz=1\n[[shaft]]\nid='s'\nzz=1\nrunning={{above_hz=1,zz=1}}\n\
+         ratio_to={{shaft='t',ratio=1,zz=1}}\n[[shaft]]\nid='t'\n[[bearing]]\nid='b'\nshaft='s'\n\
+         catalogue='X'\nzz=1\n[[motor]]\nshaft='s'\npoles=2\nzz=1\n[[gear]]\nid='g'\nzz=1\n\
+         driving={member}\ndriven={}\n[[sensor]]\nchannel='c'\nkind='velocity'\n\
+         at={{shaft='s',zz=1}}\nzz=1\n[limits]\nzz=1\n[capture]\nzz=1\n",
+        member.replace("'s'", "'t'")
+    );
+    let errors = parse(&text, "m.toml").unwrap_err();
+    assert_eq!(errors.mistakes.len(), 14, "{errors}");
+    for mistake in &errors.mistakes {
+        let (_, keys) = mistake.allowed.split_once(": ").unwrap();
+        for key in keys.split(", ") {
+            let named = ["`", " ", "[", "."].iter().any(|before| {
+                ["`", " = ", "]", "."]
+                    .iter()
+                    .any(|after| DOCUMENT.contains(&[before, key, after].concat()))
+            });
+            assert!(named, "docs/machines.md does not name `{key}` ({})", mistake.path);
+        }
+    }
+}
+
+#[test]
 fn wrong_types_are_no_surprise() {
     for key in ["shaft", "bearing", "motor", "gear", "sensor", "machine", "limits", "capture"] {
         for value in ["1", "'x'", "[1, 2]", "{a = 1}", "[[1]]", "[]", "2020-01-01", "true"] {
