@@ -149,6 +149,20 @@ fn geometry_that_cannot_be_is_refused() {
 }
 
 #[test]
+fn contact_angles_are_degrees_and_rings_may_turn_outside() {
+    let text = machine_with(
+        "[[bearing]]\nid='b'\nshaft='main'\nelements=12\nelement_diameter_mm=10\n\
+         pitch_diameter_mm=50\ncontact_angle_deg=60\nrotating_ring='outer'\n",
+    );
+    let machine = parse(&text, "m.toml").unwrap();
+    let orders = machine.bearings[0].fault_orders().unwrap();
+    // cos 60° = ½, so γ = 0.1: FTF ½·1.1, BPFO 6·0.9, BPFI 6·1.1, BSF 2.5·0.99; rounding only.
+    let close = |value: f64, expected: f64| (value - expected).abs() < 1e-14 * expected * 4.0;
+    assert!(close(orders.ftf, 0.55) && close(orders.bsf, 2.475), "{orders:?}");
+    assert!(close(orders.bpfo, 5.4) && close(orders.bpfi, 6.6), "{orders:?}");
+}
+
+#[test]
 fn identifiers_and_channels_are_used_once() {
     let rest = "[[shaft]]\nid='main'\n";
     one_mistake(rest, "7:4", &["shaft[1].id", "line 4 has it already"]);
