@@ -46,7 +46,7 @@ impl Threshold {
         let (lowest, highest) = (quantile(0.001)?, quantile(0.999)?);
         let narrow_pulses = high - low < NARROW_PULSE_SHARE * (highest - lowest);
         let (low, high) = if narrow_pulses { (lowest, highest) } else { (low, high) };
-        (high > low).then(|| Self {
+        (high > low).then_some(Self {
             level: 0.5 * (low + high),
             hysteresis: HYSTERESIS * (high - low),
             narrow_pulses,
