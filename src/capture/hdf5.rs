@@ -85,12 +85,8 @@ impl Attribute {
     }
 }
 
-#[expect(clippy::wildcard_enum_match_arm, reason = "two of the library's many types are strings")]
 fn is_text(datatype: &DatatypeMessage) -> bool {
-    match datatype {
-        DatatypeMessage::FixedString { .. } | DatatypeMessage::VarLenString { .. } => true,
-        _ => false,
-    }
+    matches!(datatype, DatatypeMessage::FixedString { .. } | DatatypeMessage::VarLenString { .. })
 }
 
 /// Reads exactly one number of any standard numeric type and byte order.

@@ -12,6 +12,7 @@ pub mod writer;
 
 mod hdf5; // the only file that names the crate
 mod root;
+mod checks;
 mod layout;
 mod channel_unit;
 mod segments;

@@ -130,10 +130,10 @@ impl CaptureReader {
         }
         let mut best: Option<(usize, f64)> = None;
         for (at, stream) in self.streams.iter().enumerate() {
-            if let Some(time_s) = stream.next_time_s() {
-                if best.is_none_or(|(_, earliest_s)| time_s < earliest_s) {
-                    best = Some((at, time_s));
-                }
+            if let Some(time_s) = stream.next_time_s()
+                && best.is_none_or(|(_, earliest_s)| time_s < earliest_s)
+            {
+                best = Some((at, time_s));
             }
         }
         best.map(|(at, _)| at)

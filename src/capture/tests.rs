@@ -86,6 +86,7 @@ proptest! {
         }
         let header = channel("x", rate_hz, storage);
         let physical: Vec<f64> = counts.iter().map(|&n| f64::from(n) * scale + offset).collect();
+        #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
         let f32s: Vec<f32> = physical.iter().map(|&x| x as f32).collect();
         let wide: Vec<i32> = counts.iter().map(|&n| i32::from(n) * 60_000).collect();
         match kind {

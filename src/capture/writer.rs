@@ -272,14 +272,16 @@ fn check(header: &ChannelHeader, samples: ChannelSamples<'_>) -> Result<(), Stri
     if let Some(unit) = header.unit.as_deref().filter(|unit| SourceUnit::parse(unit).is_none()) {
         return Err(format!("unit \"{unit}\" is none of {}", SourceUnit::ACCEPTED.join(", ")));
     }
+    if samples.len() == 0 {
+        return Err("no samples".into());
+    }
     match samples {
-        ChannelSamples::I16 { scale, offset, .. } | ChannelSamples::I32 { scale, offset, .. }
-            if !(scale.is_finite() && scale.abs() > 0.0 && offset.is_finite()) =>
-        {
-            Err(format!("scale {scale} and offset {offset}; both must be finite, scale not 0"))
+        ChannelSamples::F32(_) | ChannelSamples::F64(_) => Ok(()),
+        ChannelSamples::I16 { scale, offset, .. } | ChannelSamples::I32 { scale, offset, .. } => {
+            let usable = scale.is_finite() && scale.abs() > 0.0 && offset.is_finite();
+            let problem = || format!("scale {scale}, offset {offset}; finite numbers, scale not 0");
+            if usable { Ok(()) } else { Err(problem()) }
         }
-        _ if samples.len() == 0 => Err("no samples".into()),
-        _ => Ok(()),
     }
 }
 
