@@ -1,0 +1,135 @@
+//! What can be wrong with a capture file, each naming file, place, finding and remedy.
+
+use std::path::PathBuf;
+
+/// A failure inside the HDF5 library, panics included.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct LibraryError {
+    pub(super) message: String,
+}
+
+/// Why a capture could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// The operating system refused the file.
+    #[error("{}: cannot {action}", file.display())]
+    Io {
+        /// The capture.
+        file: PathBuf,
+        /// What was attempted.
+        action: &'static str,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// No HDF5 signature.
+    #[error("{}: not an HDF5 file: {found}; a capture is an HDF5 file (docs/hdf5.md)", file.display())]
+    NotHdf5 {
+        /// The file.
+        file: PathBuf,
+        /// What stands there instead.
+        found: String,
+    },
+    /// Shorter than its own superblock says.
+    #[error(
+        "{}: truncated: the superblock declares {declared} bytes, the file has {found}; copy it again or take the \
+         original", file.display()
+    )]
+    Truncated {
+        /// The capture.
+        file: PathBuf,
+        /// Length by the superblock, bytes.
+        declared: u64,
+        /// Length on disk, bytes.
+        found: u64,
+    },
+    /// An HDF5 file of another layout.
+    #[error(
+        "{}: no group /channels in this HDF5 file (it holds {found}); one data set per channel under /channels with \
+         the attribute sample_rate_hz makes it a capture (docs/hdf5.md)", file.display()
+    )]
+    ForeignLayout {
+        /// The file.
+        file: PathBuf,
+        /// Names in the root group.
+        found: String,
+    },
+    /// A capture without a single sample.
+    #[error("{}: empty: {found}; record at least one channel under /channels", file.display())]
+    Empty {
+        /// The capture.
+        file: PathBuf,
+        /// What there is.
+        found: &'static str,
+    },
+    /// A required attribute is missing or an attribute cannot mean what it must.
+    #[error("{}: {object}: attribute {attribute}: found {found}, expected {expected}", file.display())]
+    Attribute {
+        /// The capture.
+        file: PathBuf,
+        /// Group or data set that carries it.
+        object: String,
+        /// Attribute name.
+        attribute: String,
+        /// What stands there.
+        found: String,
+        /// What is allowed.
+        expected: String,
+    },
+    /// A data set of a kind that cannot be read as a channel or segment list.
+    #[error("{}: {dataset}: found {found}, expected {expected}", file.display())]
+    Dataset {
+        /// The capture.
+        file: PathBuf,
+        /// Path inside the file.
+        dataset: String,
+        /// What stands there.
+        found: String,
+        /// What is allowed.
+        expected: String,
+    },
+    /// More than this program is willing to hold.
+    #[error("{}: {what}: {found} is over the limit of {limit}; {remedy}", file.display())]
+    Limit {
+        /// The capture.
+        file: PathBuf,
+        /// What is too large.
+        what: String,
+        /// How large it is.
+        found: u64,
+        /// How large it may be.
+        limit: u64,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// The HDF5 library failed on an object of the file.
+    #[error("{}: {object} cannot be read (damaged, or a feature of HDF5 not supported)", file.display())]
+    Library {
+        /// The capture.
+        file: PathBuf,
+        /// Path inside the file.
+        object: String,
+        /// The cause.
+        source: LibraryError,
+    },
+    /// The HDF5 library failed while writing.
+    #[error("{}: cannot write {object}", file.display())]
+    Write {
+        /// The capture.
+        file: PathBuf,
+        /// Path inside the file.
+        object: String,
+        /// The cause.
+        source: LibraryError,
+    },
+    /// The caller's content is no valid capture.
+    #[error("{}: {object}: {problem}", file.display())]
+    Content {
+        /// The capture to be written.
+        file: PathBuf,
+        /// Path inside the file.
+        object: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+}

@@ -1,0 +1,456 @@
+//! The HDF5 library behind a narrow door: the only file that names the crate.
+//!
+//! Every call is guarded: a panic inside the library becomes a [`LibraryError`]. Nothing here
+//! allocates from a declared size; callers ask for slices whose length they have bounded.
+
+use super::error::LibraryError;
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe};
+use std::path::Path;
+use std::sync::Once;
+
+pub(super) use ::hdf5::format;
+use ::hdf5::format::messages::{attribute::AttributeMessage, datatype::IeeeFormat, filter};
+use ::hdf5::{ByteOrder, DatatypeMessage, H5Dataset, H5File, H5Group, H5Type, LinkClass};
+use ::hdf5::{StorageLayout, VarLenUnicode};
+
+thread_local! {
+    static QUIET: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs a library call; a panic in it becomes an error and prints nothing.
+pub(super) fn guarded<T, E: std::fmt::Display>(
+    work: impl FnOnce() -> Result<T, E>,
+) -> Result<T, LibraryError> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let previous = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !QUIET.get() {
+                previous(info);
+            }
+        }));
+    });
+    let before = QUIET.replace(true);
+    let outcome = panic::catch_unwind(AssertUnwindSafe(work));
+    QUIET.set(before);
+    match outcome {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => Err(LibraryError { message: error.to_string() }),
+        Err(payload) => {
+            let text = payload
+                .downcast_ref::<String>()
+                .map(String::as_str)
+                .or_else(|| payload.downcast_ref::<&str>().copied())
+                .unwrap_or("no message");
+            Err(LibraryError { message: format!("the HDF5 library gave up: {text}") })
+        }
+    }
+}
+
+/// An attribute's value, as far as captures use attributes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Attribute {
+    /// Any integer or IEEE float, one element.
+    Number(f64),
+    /// A fixed or variable-length string.
+    Text(String),
+    /// Anything else, described.
+    Other(String),
+}
+
+impl Attribute {
+    /// Decodes a numeric value; `None` if the type is a string (whose text lives elsewhere).
+    pub(super) fn decode(message: &AttributeMessage) -> Option<Self> {
+        Self::from_parts(&message.datatype, &message.data)
+    }
+
+    fn from_parts(datatype: &DatatypeMessage, data: &[u8]) -> Option<Self> {
+        if is_text(datatype) {
+            return None;
+        }
+        Some(match number(datatype, data) {
+            Some(value) => Self::Number(value),
+            None => Self::Other(format!("{datatype}, {} bytes", data.len())),
+        })
+    }
+
+    /// Describes the value for an error message.
+    pub(super) fn describe(&self) -> String {
+        match self {
+            Self::Number(value) => format!("{value}"),
+            Self::Text(text) => format!("\"{}\"", text.chars().take(60).collect::<String>()),
+            Self::Other(text) => text.clone(),
+        }
+    }
+}
+
+fn is_text(datatype: &DatatypeMessage) -> bool {
+    matches!(datatype, DatatypeMessage::FixedString { .. } | DatatypeMessage::VarLenString { .. })
+}
+
+/// Reads exactly one number of any standard numeric type and byte order.
+#[expect(clippy::wildcard_enum_match_arm, reason = "two of the library's many types are numbers")]
+#[expect(clippy::cast_possible_wrap, reason = "reinterprets the sign bit, which is meant")]
+fn number(datatype: &DatatypeMessage, data: &[u8]) -> Option<f64> {
+    let (order, signed) = match datatype {
+        DatatypeMessage::FixedPoint { byte_order, signed, bit_offset: 0, .. } => {
+            (*byte_order, Some(*signed))
+        }
+        DatatypeMessage::FloatingPoint { byte_order, .. } => {
+            datatype.ieee_format()?;
+            (*byte_order, None)
+        }
+        _ => return None,
+    };
+    let size = datatype.element_size() as usize;
+    if size == 0 || size > 8 || data.len() != size {
+        return None;
+    }
+    let mut bytes = [0_u8; 8];
+    bytes[..size].copy_from_slice(data);
+    if order == ByteOrder::BigEndian {
+        bytes[..size].reverse();
+    }
+    let bits = u64::from_le_bytes(bytes);
+    let shift = 64 - 8 * size;
+    match signed {
+        Some(true) => Some((((bits << shift) as i64) >> shift) as f64),
+        Some(false) => Some(bits as f64),
+        None => match datatype.ieee_format()? {
+            IeeeFormat::Binary16 => None,
+            IeeeFormat::Binary32 => {
+                let four = [bytes[0], bytes[1], bytes[2], bytes[3]];
+                Some(f64::from(f32::from_le_bytes(four)))
+            }
+            IeeeFormat::Binary64 => Some(f64::from_bits(bits)),
+        },
+    }
+}
+
+/// An open file, for reading.
+pub(super) struct File {
+    inner: H5File,
+}
+
+/// What a name in a group stands for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Entry {
+    /// A data set of this file.
+    Dataset,
+    /// Anything else of this file.
+    Other,
+    /// A link that leads out of the file.
+    Outside,
+    /// There, but the library cannot read it.
+    Unreadable(String),
+}
+
+impl File {
+    pub(super) fn open(path: &Path) -> Result<Self, LibraryError> {
+        let inner = guarded(|| H5File::options().best_effort_locking().open(path))?;
+        Ok(Self { inner })
+    }
+
+    /// Names in the root group, with a trailing `/` on groups.
+    pub(super) fn root_names(&self) -> Result<Vec<String>, LibraryError> {
+        guarded(|| self.inner.root_group().link_names())
+    }
+
+    /// Names and kinds in `group` (one level below the root); `None` if there is no such group.
+    pub(super) fn entries(
+        &self,
+        group: &str,
+    ) -> Result<Option<Vec<(String, Entry)>>, LibraryError> {
+        let root = self.inner.root_group();
+        if !guarded(|| root.group_names())?.iter().any(|name| name == group) {
+            return Ok(None);
+        }
+        guarded(|| {
+            let group = root.group(group)?;
+            let mut names = group.link_names()?;
+            names.sort();
+            let datasets = group.dataset_names()?;
+            let mut entries = Vec::with_capacity(names.len());
+            for name in names {
+                let outside =
+                    !matches!(group.link_class(&name)?, LinkClass::Hard | LinkClass::Soft { .. });
+                let entry = if outside {
+                    Entry::Outside
+                } else if let Some(reason) = group.unreadable_reason(&name)? {
+                    Entry::Unreadable(reason)
+                } else if datasets.contains(&name) {
+                    Entry::Dataset
+                } else {
+                    Entry::Other
+                };
+                entries.push((name, entry));
+            }
+            Ok::<_, ::hdf5::Hdf5Error>(Some(entries))
+        })
+    }
+
+    /// Text of a root attribute known to be a string.
+    pub(super) fn root_text(&self, name: &str) -> Result<String, LibraryError> {
+        guarded(|| self.inner.attr_string(name))
+    }
+
+    pub(super) fn dataset(&self, path: &str) -> Result<Dataset, LibraryError> {
+        guarded(|| self.inner.dataset(path)).map(|inner| Dataset { inner })
+    }
+}
+
+/// Number types a channel may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum NumberType {
+    F32,
+    F64,
+    I16,
+    I32,
+}
+
+impl NumberType {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "float32",
+            Self::F64 => "float64",
+            Self::I16 => "int16",
+            Self::I32 => "int32",
+        }
+    }
+
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Self::I16 => 2,
+            Self::F32 | Self::I32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// Where a data set's bytes are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Storage {
+    /// One run of bytes, or inside the header.
+    Plain,
+    /// Chunks of so many elements along each dimension, through these filters.
+    Chunked(Vec<usize>, Vec<u16>),
+    /// Made of other data sets or files: not read.
+    Elsewhere(&'static str),
+}
+
+/// An open data set.
+pub(super) struct Dataset {
+    inner: H5Dataset,
+}
+
+impl Dataset {
+    pub(super) fn shape(&self) -> Vec<usize> {
+        self.inner.shape()
+    }
+
+    /// The channel number type, or a description of the type that is none.
+    #[expect(clippy::wildcard_enum_match_arm, reason = "every other type is refused by its text")]
+    pub(super) fn number_type(&self) -> Result<Result<NumberType, String>, LibraryError> {
+        let datatype = guarded(|| self.inner.datatype())?;
+        let full = |size: u32, precision: u16| u32::from(precision) == size * 8;
+        Ok(match datatype {
+            DatatypeMessage::FixedPoint {
+                size,
+                signed: true,
+                bit_offset: 0,
+                bit_precision,
+                ..
+            } if size == 2 && full(size, bit_precision) => Ok(NumberType::I16),
+            DatatypeMessage::FixedPoint {
+                size,
+                signed: true,
+                bit_offset: 0,
+                bit_precision,
+                ..
+            } if size == 4 && full(size, bit_precision) => Ok(NumberType::I32),
+            DatatypeMessage::FloatingPoint { .. } => match datatype.ieee_format() {
+                Some(IeeeFormat::Binary32) => Ok(NumberType::F32),
+                Some(IeeeFormat::Binary64) => Ok(NumberType::F64),
+                Some(IeeeFormat::Binary16) | None => Err(datatype.to_string()),
+            },
+            other => Err(other.to_string()),
+        })
+    }
+
+    pub(super) fn storage(&self) -> Result<Storage, LibraryError> {
+        guarded(|| {
+            Ok::<_, ::hdf5::Hdf5Error>(match self.inner.storage_layout()? {
+                StorageLayout::Virtual => Storage::Elsewhere("a virtual data set"),
+                StorageLayout::Contiguous if !self.inner.external_files()?.is_empty() => {
+                    Storage::Elsewhere("data in external files")
+                }
+                StorageLayout::Contiguous | StorageLayout::Compact => Storage::Plain,
+                StorageLayout::Chunked => {
+                    let filters = self.inner.filters()?.iter().map(|filter| filter.id).collect();
+                    Storage::Chunked(self.inner.chunk_dims().unwrap_or_default(), filters)
+                }
+            })
+        })
+    }
+
+    /// Reads an attribute; `None` if there is none of that name.
+    pub(super) fn attribute(&self, name: &str) -> Result<Option<Attribute>, LibraryError> {
+        guarded(|| {
+            if !self.inner.attr_names()?.iter().any(|known| known == name) {
+                return Ok(None);
+            }
+            let attribute = self.inner.attr(name)?;
+            let datatype = attribute.datatype()?;
+            match Attribute::from_parts(&datatype, &attribute.read_raw()?) {
+                Some(value) => Ok(Some(value)),
+                None => Ok::<_, ::hdf5::Hdf5Error>(Some(Attribute::Text(attribute.read_string()?))),
+            }
+        })
+    }
+
+    /// Reads `count` elements from `start` on, in host byte order.
+    pub(super) fn slice<T: H5Type>(
+        &self,
+        start: usize,
+        count: usize,
+    ) -> Result<Vec<T>, LibraryError> {
+        guarded(|| self.inner.read_slice::<T>(&[start], &[count]))
+    }
+
+    /// Reads `count` integers of any width, or an error naming the first that does not fit.
+    pub(super) fn integers(&self, count: usize) -> Result<Vec<i64>, LibraryError> {
+        guarded(|| self.inner.read_numeric_slice_as::<i64>(&[0], &[count]))
+    }
+
+    /// Reads `count` floats of either width.
+    pub(super) fn floats(&self, count: usize) -> Result<Vec<f64>, LibraryError> {
+        guarded(|| self.inner.read_numeric_slice_as::<f64>(&[0], &[count]))
+    }
+}
+
+/// Names of the filters that can be read.
+const FILTERS: &[(u16, &str)] = &[
+    (filter::FILTER_DEFLATE, "gzip"),
+    (filter::FILTER_SHUFFLE, "shuffle"),
+    (filter::FILTER_FLETCHER32, "fletcher32"),
+    (filter::FILTER_SZIP, "szip"),
+    (filter::FILTER_NBIT, "nbit"),
+    (filter::FILTER_SCALEOFFSET, "scaleoffset"),
+    (filter::FILTER_BZIP2, "bzip2"),
+    (filter::FILTER_LZF, "lzf"),
+    (filter::FILTER_BLOSC, "blosc"),
+    (filter::FILTER_LZ4, "lz4"),
+    (filter::FILTER_BSHUF, "bitshuffle"),
+    (filter::FILTER_ZSTD, "zstd"),
+];
+
+/// Names of filters met in the field that cannot be read.
+const UNREADABLE_FILTERS: &[(u16, &str)] = &[
+    (filter::FILTER_ZFP, "zfp"),
+    (filter::FILTER_JPEG, "jpeg"),
+    (filter::FILTER_BITGROOM, "bitgroom"),
+    (filter::FILTER_BITROUND, "bitround"),
+    (filter::FILTER_BLOSC2, "blosc2"),
+];
+
+/// Gives a filter's name if it can be read, else its description as the error.
+pub(super) fn filter_name(id: u16) -> Result<&'static str, String> {
+    let find = |list: &'static [(u16, &'static str)]| {
+        list.iter().find(|(known, _)| *known == id).map(|(_, name)| *name)
+    };
+    find(FILTERS).ok_or_else(|| match find(UNREADABLE_FILTERS) {
+        Some(name) => format!("filter {name} (number {id})"),
+        None => format!("filter number {id}"),
+    })
+}
+
+/// A file being written; incomplete until [`NewFile::close`].
+pub(super) struct NewFile {
+    inner: H5File,
+}
+
+/// How a new data set is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct NewStorage {
+    /// (elements of a chunk, gzip level), with shuffle; `None` = contiguous.
+    pub(super) compressed: Option<(usize, u32)>,
+    /// Most significant byte first.
+    pub(super) big_endian: bool,
+}
+
+impl NewFile {
+    pub(super) fn create(path: &Path) -> Result<Self, LibraryError> {
+        guarded(|| H5File::options().best_effort_locking().create(path)).map(|inner| Self { inner })
+    }
+
+    pub(super) fn text(&self, name: &str, value: &str) -> Result<(), LibraryError> {
+        guarded(|| self.inner.set_attr_string(name, value))
+    }
+
+    pub(super) fn number<T: H5Type>(&self, name: &str, value: T) -> Result<(), LibraryError> {
+        guarded(|| self.inner.set_attr_numeric(name, &value))
+    }
+
+    pub(super) fn group(&self, name: &str) -> Result<NewGroup, LibraryError> {
+        guarded(|| self.inner.create_group(name)).map(|inner| NewGroup { inner })
+    }
+
+    /// Completes the file and hands it to the disk.
+    pub(super) fn close(self) -> Result<(), LibraryError> {
+        guarded(|| self.inner.close())
+    }
+}
+
+/// A group being filled.
+pub(super) struct NewGroup {
+    inner: H5Group,
+}
+
+impl NewGroup {
+    pub(super) fn dataset<T: H5Type>(
+        &self,
+        name: &str,
+        data: &[T],
+        storage: NewStorage,
+    ) -> Result<NewDataset, LibraryError> {
+        guarded(|| {
+            let mut builder = self.inner.new_dataset::<T>().shape([data.len()]);
+            if storage.big_endian {
+                builder = builder.datatype(big_endian(T::hdf5_type()));
+            }
+            if let Some((chunk, level)) = storage.compressed {
+                builder =
+                    builder.chunk(&[chunk.clamp(1, data.len().max(1))]).shuffle_deflate(level);
+            }
+            let inner = builder.create(name)?;
+            inner.write_raw(data)?;
+            Ok::<_, ::hdf5::Hdf5Error>(NewDataset { inner })
+        })
+    }
+}
+
+/// A data set just written.
+pub(super) struct NewDataset {
+    inner: H5Dataset,
+}
+
+impl NewDataset {
+    pub(super) fn text(&self, name: &str, value: &str) -> Result<(), LibraryError> {
+        guarded(|| self.inner.new_attr::<VarLenUnicode>().create(name)?.write_string(value))
+    }
+
+    pub(super) fn number<T: H5Type>(&self, name: &str, value: T) -> Result<(), LibraryError> {
+        guarded(|| self.inner.new_attr::<T>().create(name)?.write_numeric(&value))
+    }
+}
+
+#[expect(clippy::wildcard_enum_match_arm, reason = "only numbers have a byte order to change")]
+fn big_endian(mut datatype: DatatypeMessage) -> DatatypeMessage {
+    match &mut datatype {
+        DatatypeMessage::FixedPoint { byte_order, .. }
+        | DatatypeMessage::FloatingPoint { byte_order, .. } => *byte_order = ByteOrder::BigEndian,
+        _ => {}
+    }
+    datatype
+}

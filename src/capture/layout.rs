@@ -1,0 +1,387 @@
+//! Opening: attributes and data sets of a file, checked against the layout and the limits.
+
+use super::channel_unit;
+use super::checks::{Checks, Chunks};
+use super::convert::Conversion;
+use super::error::CaptureError;
+use super::hdf5::{Attribute, Dataset, Entry, File, NumberType};
+use super::info::{CaptureInfo, ChannelDescription};
+use super::root::{self, RootAttribute};
+use super::segments::Segments;
+use super::stream::{self, Source};
+use crate::machine::Machine;
+use crate::signal::{ChannelIndex, ChannelInfo, Timestamp};
+use crate::units::Hz;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Value of the root attribute `format`.
+pub(super) const FORMAT: &str = "rotorwatch-capture";
+
+/// Version of the layout.
+pub(super) const VERSION: u32 = 1;
+
+/// Channels of a capture at most.
+const CHANNELS_MAX: usize = 1024;
+
+/// Segments of a capture at most.
+const SEGMENTS_MAX: usize = 1_000_000;
+
+/// Sample rates that make sense, Hz.
+const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
+
+/// An opened capture.
+pub(super) struct Opened {
+    pub(super) info: CaptureInfo,
+    pub(super) sources: Vec<Source>,
+    pub(super) segments: Segments,
+}
+
+/// Opens and checks everything but the samples.
+pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, CaptureError> {
+    let file_bytes = std::fs::metadata(path)
+        .map_err(|source| CaptureError::Io { file: path.into(), action: "open it", source })?
+        .len();
+    let attributes = root::attributes(path)?;
+    let file = File::open(path).map_err(|source| CaptureError::Library {
+        file: path.into(),
+        object: "the file".into(),
+        source,
+    })?;
+    let layout = Layout { checks: Checks { path, file_bytes }, file, machine };
+    let header = layout.header(&attributes)?;
+    let (described, sources, ignored) = layout.channels()?;
+    let (segments, listed) = layout.segments(&sources)?;
+    let absent_channels = machine.map_or_else(Vec::new, |machine| {
+        let known = |name: &str| described.iter().any(|channel| channel.info.name == name);
+        machine.sensors.iter().map(|s| &s.channel).filter(|name| !known(name)).cloned().collect()
+    });
+    let info = CaptureInfo {
+        file: path.into(),
+        file_bytes,
+        format_stated: header.format_stated,
+        start_time: header.start_time,
+        machine: header.machine,
+        shaft_speed: header.shaft_speed,
+        segments: listed.then(|| segments.len()),
+        duration_s: duration_s(&described, &segments),
+        channels: described,
+        other_attributes: header.others,
+        ignored,
+        absent_channels,
+    };
+    Ok(Opened { info, sources, segments })
+}
+
+/// End of the last segment of the longest channel, s.
+fn duration_s(channels: &[ChannelDescription], segments: &Segments) -> f64 {
+    let last = u32::try_from(segments.len().saturating_sub(1)).unwrap_or(u32::MAX);
+    let end_s = |channel: &ChannelDescription| {
+        let rate = channel.info.sample_rate;
+        let start = segments.span(last, rate).map_or(0, |span| span.start);
+        segments.last_time_s() + channel.n_samples.saturating_sub(start) as f64 / rate.0
+    };
+    channels.iter().map(end_s).fold(0.0, f64::max)
+}
+
+/// What the root attributes say.
+struct Header {
+    format_stated: bool,
+    start_time: Option<Timestamp>,
+    machine: Option<String>,
+    shaft_speed: Option<Hz>,
+    others: Vec<String>,
+}
+
+/// The file under examination, and what its channels add up to.
+struct Layout<'a> {
+    checks: Checks<'a>,
+    file: File,
+    machine: Option<&'a Machine>,
+}
+
+type Attributes = BTreeMap<String, RootAttribute>;
+
+impl Layout<'_> {
+    fn header(&self, attributes: &Attributes) -> Result<Header, CaptureError> {
+        const KNOWN: [&str; 5] = ["format", "version", "start_time", "machine", "shaft_speed_hz"];
+        let format = self.root_text(attributes, "format")?;
+        if let Some(text) = format.as_deref().filter(|text| *text != FORMAT) {
+            let expected = format!("\"{FORMAT}\", or no such attribute");
+            return Err(self.checks.attribute_error(
+                "/",
+                "format",
+                format!("\"{text}\""),
+                expected,
+            ));
+        }
+        if let Some(version) = self.root_number(attributes, "version")? {
+            #[expect(clippy::float_cmp, reason = "integers are exact")]
+            let known = version == f64::from(VERSION);
+            if !known {
+                let expected = format!("{VERSION}; a newer version of this program may read it");
+                return Err(self.checks.attribute_error(
+                    "/",
+                    "version",
+                    version.to_string(),
+                    expected,
+                ));
+            }
+        }
+        let shaft_speed = self.root_number(attributes, "shaft_speed_hz")?;
+        if let Some(speed) = shaft_speed.filter(|speed| !(0.0..=RATE_RANGE_HZ.1).contains(speed)) {
+            let expected = "a frequency in Hz, 0 for standstill".into();
+            return Err(self.checks.attribute_error(
+                "/",
+                "shaft_speed_hz",
+                speed.to_string(),
+                expected,
+            ));
+        }
+        let others = attributes.keys().filter(|name| !KNOWN.contains(&name.as_str()));
+        Ok(Header {
+            format_stated: format.is_some(),
+            start_time: self.start_time(attributes)?,
+            machine: self.root_text(attributes, "machine")?,
+            shaft_speed: shaft_speed.map(Hz),
+            others: others.cloned().collect(),
+        })
+    }
+
+    fn start_time(&self, attributes: &Attributes) -> Result<Option<Timestamp>, CaptureError> {
+        let Some(text) = self.root_text(attributes, "start_time")? else { return Ok(None) };
+        let instant: Option<jiff::Timestamp> = text.trim().parse().ok();
+        match instant.and_then(|instant| i64::try_from(instant.as_nanosecond()).ok()) {
+            Some(nanoseconds) => Ok(Some(Timestamp(nanoseconds))),
+            None => {
+                let expected = "an RFC 3339 time such as 2026-03-01T12:00:00Z".into();
+                let found = Attribute::Text(text).describe();
+                Err(self.checks.attribute_error("/", "start_time", found, expected))
+            }
+        }
+    }
+
+    fn root_number(
+        &self,
+        attributes: &Attributes,
+        name: &str,
+    ) -> Result<Option<f64>, CaptureError> {
+        match attributes.get(name) {
+            None => Ok(None),
+            Some(RootAttribute::Value(Attribute::Number(value))) => Ok(Some(*value)),
+            Some(other) => Err(self.checks.attribute_error(
+                "/",
+                name,
+                describe_root(other),
+                "one number".into(),
+            )),
+        }
+    }
+
+    fn root_text(
+        &self,
+        attributes: &Attributes,
+        name: &str,
+    ) -> Result<Option<String>, CaptureError> {
+        match attributes.get(name) {
+            None => Ok(None),
+            Some(RootAttribute::Text) => {
+                let text = self.file.root_text(name).map_err(|e| self.checks.library("/", e))?;
+                self.checks.bounded_text("/", name, text).map(Some)
+            }
+            Some(other) => {
+                Err(self.checks.attribute_error("/", name, describe_root(other), "a text".into()))
+            }
+        }
+    }
+
+    #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]
+    fn channels(
+        &self,
+    ) -> Result<(Vec<ChannelDescription>, Vec<Source>, Vec<String>), CaptureError> {
+        let library = |e| self.checks.library("/channels", e);
+        let Some(entries) = self.file.entries("channels").map_err(library)? else {
+            let mut names = self.file.root_names().map_err(library)?;
+            names.truncate(20);
+            let found = if names.is_empty() { "nothing".into() } else { names.join(", ") };
+            return Err(CaptureError::ForeignLayout { file: self.checks.path.into(), found });
+        };
+        if entries.len() > CHANNELS_MAX {
+            let what = "/channels: number of channels".into();
+            let remedy = "split the capture";
+            return Err(self.checks.limit(what, entries.len() as u64, CHANNELS_MAX as u64, remedy));
+        }
+        let (mut described, mut sources, mut ignored) = (Vec::new(), Vec::new(), Vec::new());
+        let mut chunks = Chunks::default();
+        for (name, entry) in entries {
+            match entry {
+                Entry::Dataset => {
+                    let (channel, source) =
+                        self.channel(&name, ChannelIndex(sources.len()), &mut chunks)?;
+                    described.push(channel);
+                    sources.push(source);
+                }
+                Entry::Other => ignored.push(name),
+                Entry::Outside => {
+                    return Err(self.checks.dataset_error(
+                        &path_of(&name),
+                        "a link out of this file",
+                        "data in this file",
+                    ));
+                }
+                Entry::Unreadable(reason) => {
+                    let expected = "a data set this program can read";
+                    return Err(self.checks.dataset_error(&path_of(&name), &reason, expected));
+                }
+            }
+        }
+        let empty = |found| CaptureError::Empty { file: self.checks.path.into(), found };
+        match described.iter().map(|channel| channel.n_samples).max() {
+            None => Err(empty("no data set under /channels")),
+            Some(0) => Err(empty("every channel has 0 samples")),
+            Some(_) => Ok((described, sources, ignored)),
+        }
+    }
+
+    fn channel(
+        &self,
+        name: &str,
+        channel: ChannelIndex,
+        chunks: &mut Chunks,
+    ) -> Result<(ChannelDescription, Source), CaptureError> {
+        let path = path_of(name);
+        let dataset = self.file.dataset(&path).map_err(|e| self.checks.library(&path, e))?;
+        let n_samples = self.checks.length(&dataset, &path)?;
+        let kind = match dataset.number_type().map_err(|e| self.checks.library(&path, e))? {
+            Ok(kind) => kind,
+            Err(found) => {
+                let expected = "float32, float64, int16 or int32 (signed, either byte order)";
+                return Err(self.checks.dataset_error(&path, &found, expected));
+            }
+        };
+        let (chunk, storage) =
+            self.checks.storage(&dataset, &path, n_samples, kind.bytes(), chunks)?;
+        let rate = self.sample_rate(&dataset, &path)?;
+        let unit_text = self.checks.text(&dataset, &path, "unit")?;
+        let sensor_of = |machine: &'_ Machine| {
+            machine.sensors.iter().find(|sensor| sensor.channel == name).cloned()
+        };
+        let unit =
+            channel_unit::resolve(self.machine.and_then(sensor_of).as_ref(), unit_text.as_deref());
+        let conversion = self.conversion(&dataset, &path, kind, n_samples, unit.unit.factor)?;
+        let description = ChannelDescription {
+            info: ChannelInfo {
+                name: name.into(),
+                sample_rate: rate,
+                unit: unit.unit.canonical,
+                offset: conversion.offset,
+                unit_conflict: unit.conflict,
+                full_scale: conversion.full_scale(kind),
+            },
+            n_samples,
+            duration_s: n_samples as f64 / rate.0,
+            number_type: kind.name(),
+            storage,
+            unit_text,
+            sensor: self.checks.text(&dataset, &path, "sensor")?,
+        };
+        let source =
+            Source { channel, path, dataset, kind, length: n_samples, rate, conversion, chunk };
+        Ok((description, source))
+    }
+
+    fn sample_rate(&self, dataset: &Dataset, path: &str) -> Result<Hz, CaptureError> {
+        let (low, high) = RATE_RANGE_HZ;
+        let expected = format!("samples a second, a number from {low} to {high}");
+        match self.checks.number(dataset, path, "sample_rate_hz", &expected)? {
+            Some(rate) if (low..=high).contains(&rate) => Ok(Hz(rate)),
+            found => {
+                let found = found.map_or("none".into(), |rate| rate.to_string());
+                Err(self.checks.attribute_error(path, "sample_rate_hz", found, expected))
+            }
+        }
+    }
+
+    fn conversion(
+        &self,
+        dataset: &Dataset,
+        path: &str,
+        kind: NumberType,
+        length: u64,
+        factor: f64,
+    ) -> Result<Conversion, CaptureError> {
+        let scale =
+            self.checks.number(dataset, path, "scale", "a number other than 0")?.unwrap_or(1.0);
+        let offset = self.checks.number(dataset, path, "offset", "a number")?.unwrap_or(0.0);
+        let first = match kind {
+            NumberType::F32 | NumberType::I16 => None,
+            NumberType::F64 | NumberType::I32 => {
+                let first = stream::read(dataset, kind, 0, length.min(1024));
+                Some(first.map_err(|e| self.checks.library(path, e))?)
+            }
+        };
+        Conversion::new(kind, scale, offset, factor, first.as_ref()).ok_or_else(|| {
+            let found = format!("scale {scale} and offset {offset}");
+            let expected = "finite numbers, scale not 0, the result within float32".into();
+            self.checks.attribute_error(path, "scale", found, expected)
+        })
+    }
+
+    /// Reads `/segments`; the flag tells whether there is one.
+    fn segments(&self, sources: &[Source]) -> Result<(Segments, bool), CaptureError> {
+        let rate = sources.iter().map(|source| source.rate).fold(Hz(0.0), fastest);
+        let longest = sources.iter().filter(|s| s.rate == rate).map(|s| s.length).max();
+        let library = |e| self.checks.library("/segments", e);
+        let Some(entries) = self.file.entries("segments").map_err(library)? else {
+            return Ok((Segments::one(rate), false));
+        };
+        let present = |name: &str| entries.contains(&(name.to_owned(), Entry::Dataset));
+        for name in ["start_sample", "time_s"] {
+            if !present(name) {
+                let expected = "a data set; /segments needs start_sample and time_s";
+                return Err(self.checks.dataset_error(
+                    &format!("/segments/{name}"),
+                    "none",
+                    expected,
+                ));
+            }
+        }
+        let (starts, count) = self.segment_list("segments/start_sample", 1)?;
+        let starts = starts.integers(count).map_err(library)?;
+        let (times, count) = self.segment_list("segments/time_s", 4)?;
+        let times_s = times.floats(count).map_err(library)?;
+        let segments = Segments::new(&starts, times_s, rate, longest.unwrap_or(0));
+        segments.map(|segments| (segments, true)).map_err(|problem| CaptureError::Content {
+            file: self.checks.path.into(),
+            object: "/segments".into(),
+            problem,
+        })
+    }
+
+    fn segment_list(&self, path: &str, bytes: usize) -> Result<(Dataset, usize), CaptureError> {
+        let dataset = self.file.dataset(path).map_err(|e| self.checks.library(path, e))?;
+        let count = self.checks.length(&dataset, path)?;
+        if count > SEGMENTS_MAX as u64 {
+            let what = format!("/{path}: number of segments");
+            return Err(self.checks.limit(what, count, SEGMENTS_MAX as u64, "split the capture"));
+        }
+        self.checks.storage(&dataset, path, count, bytes, &mut Chunks::default())?;
+        Ok((dataset, usize::try_from(count).unwrap_or(SEGMENTS_MAX)))
+    }
+}
+
+fn path_of(channel: &str) -> String {
+    format!("channels/{channel}")
+}
+
+fn fastest(a: Hz, b: Hz) -> Hz {
+    if b > a { b } else { a }
+}
+
+fn describe_root(attribute: &RootAttribute) -> String {
+    match attribute {
+        RootAttribute::Value(value) => value.describe(),
+        RootAttribute::Text => "a text".into(),
+        RootAttribute::Unreadable(reason) => reason.clone(),
+    }
+}

@@ -1,0 +1,154 @@
+//! Segments: where a capture is contiguous, and the time of every sample.
+
+use crate::units::Hz;
+
+/// How far a scaled segment start may lie from an integer and still count as one, samples.
+const WHOLE_SAMPLE: f64 = 1e-6;
+
+/// The segments of a capture, in samples of its fastest channel; at least one.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Segments {
+    starts: Vec<u64>,
+    times_s: Vec<f64>,
+    reference_rate: Hz,
+}
+
+/// One segment as a channel sees it: samples `start..end`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Span {
+    pub(super) segment: u32,
+    pub(super) start: u64,
+    /// `u64::MAX` for the last segment.
+    pub(super) end: u64,
+    pub(super) time_s: f64,
+}
+
+impl Segments {
+    /// One segment from time 0 on.
+    pub(super) fn one(reference_rate: Hz) -> Self {
+        Self { starts: vec![0], times_s: vec![0.0], reference_rate }
+    }
+
+    /// Checks the two lists; `length` = samples of the longest channel at `reference_rate`.
+    ///
+    /// The error says which element is wrong and what is required.
+    pub(super) fn new(
+        start_sample: &[i64],
+        times_s: Vec<f64>,
+        reference_rate: Hz,
+        length: u64,
+    ) -> Result<Self, String> {
+        if start_sample.len() != times_s.len() {
+            return Err(format!(
+                "start_sample has {} elements and time_s has {}; they must have the same number",
+                start_sample.len(),
+                times_s.len()
+            ));
+        }
+        let mut starts = Vec::with_capacity(start_sample.len());
+        for (at, &start) in start_sample.iter().enumerate() {
+            let sample =
+                u64::try_from(start).ok().filter(|&sample| sample < length).ok_or_else(|| {
+                    format!("start_sample[{at}] = {start} is outside the {length} samples")
+                })?;
+            match starts.last() {
+                None if sample != 0 => {
+                    return Err(format!(
+                        "start_sample[0] = {sample}; the first segment must start at sample 0"
+                    ));
+                }
+                Some(&last) if sample <= last => {
+                    return Err(format!(
+                        "start_sample[{at}] = {sample} does not exceed {last} before it; segments must follow one another"
+                    ));
+                }
+                _ => starts.push(sample),
+            }
+        }
+        if starts.is_empty() {
+            return Err(
+                "no segment listed; leave /segments out for one contiguous recording".into()
+            );
+        }
+        check_times(&times_s)?;
+        Ok(Self { starts, times_s, reference_rate })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.starts.len()
+    }
+
+    pub(super) fn last_time_s(&self) -> f64 {
+        self.times_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// The segment numbered `segment` for a channel of this rate; `None` past the last.
+    pub(super) fn span(&self, segment: u32, rate: Hz) -> Option<Span> {
+        let at = usize::try_from(segment).ok()?;
+        let start = self.scaled(*self.starts.get(at)?, rate);
+        let end = self.starts.get(at + 1).map_or(u64::MAX, |&next| self.scaled(next, rate));
+        Some(Span { segment, start, end, time_s: self.times_s[at] })
+    }
+
+    /// First sample, at `rate`, that is not before sample `start` of the fastest channel.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "non-negative; float to int casts saturate"
+    )]
+    fn scaled(&self, start: u64, rate: Hz) -> u64 {
+        if rate >= self.reference_rate {
+            return start;
+        }
+        let exact = start as f64 * (rate.0 / self.reference_rate.0);
+        (exact - WHOLE_SAMPLE).ceil().max(0.0) as u64
+    }
+}
+
+fn check_times(times_s: &[f64]) -> Result<(), String> {
+    if let Some(at) = times_s.iter().position(|time| !time.is_finite()) {
+        return Err(format!("time_s[{at}] = {}; times must be finite", times_s[at]));
+    }
+    match times_s.windows(2).position(|pair| pair[1] < pair[0]) {
+        Some(at) => Err(format!(
+            "time_s[{}] = {} lies before {}; times must not decrease",
+            at + 1,
+            times_s[at + 1],
+            times_s[at]
+        )),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slower_channels_take_the_first_sample_not_before_the_start() {
+        let segments =
+            Segments::new(&[0, 2560, 5125], vec![0.0, 10.0, 20.0], Hz(25_600.0), 7000).unwrap();
+        let fast = segments.span(1, Hz(25_600.0)).unwrap();
+        assert_eq!((fast.start, fast.end), (2560, 5125));
+        // 2560 samples at 25.6 kHz are 256 at 2.56 kHz; 5125 are 512.5, so 513 is the first after.
+        let slow = segments.span(1, Hz(2_560.0)).unwrap();
+        assert_eq!((slow.start, slow.end), (256, 513));
+        assert_eq!(segments.span(2, Hz(2_560.0)).unwrap().end, u64::MAX);
+        assert_eq!(segments.span(3, Hz(2_560.0)), None);
+    }
+
+    #[test]
+    fn every_disorder_is_named() {
+        let check = |starts: &[i64], times: &[f64]| {
+            Segments::new(starts, times.to_vec(), Hz(10.0), 100).unwrap_err()
+        };
+        assert!(check(&[0], &[0.0, 1.0]).contains("same number"));
+        assert!(check(&[5], &[0.0]).contains("must start at sample 0"));
+        assert!(check(&[0, 100], &[0.0, 1.0]).contains("outside the 100 samples"));
+        assert!(check(&[0, -1], &[0.0, 1.0]).contains("start_sample[1] = -1"));
+        assert!(check(&[0, 7, 7], &[0.0, 1.0, 2.0]).contains("start_sample[2]"));
+        assert!(check(&[0, 7], &[1.0, 0.5]).contains("must not decrease"));
+        assert!(check(&[0, 7], &[0.0, f64::NAN]).contains("finite"));
+        assert!(check(&[], &[]).contains("no segment"));
+    }
+}
