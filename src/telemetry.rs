@@ -1,1 +1,263 @@
-//! (to be written)
+//! The daemon's own health: the log, and the metrics with all their names in one place.
+//!
+//! Metrics have no global: one [`Metrics`] is made by `app` and handed on. Must not know machines,
+//! diagnoses or HTTP.
+
+use prometheus_client::encoding::EncodeLabelSet;
+use prometheus_client::encoding::text;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::metrics::info::Info;
+use prometheus_client::registry::Registry;
+use std::fmt;
+use std::io;
+use tracing_subscriber::EnvFilter;
+
+/// Environment variable that says what is logged, such as `debug` or `rotorwatch::app=trace`.
+pub const LOG_VARIABLE: &str = "ROTORWATCH_LOG";
+
+/// Upper bounds of the verdict latency's bins, s: an idle shard answers within milliseconds, one
+/// whose queue is full within seconds.
+const LATENCY_BOUNDS_S: [f64; 12] =
+    [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0, 30.0];
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Why the log cannot be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// The filter cannot be read.
+    #[error("{LOG_VARIABLE} is no log filter, write a level (warn, info, debug) or module=level")]
+    Filter(#[source] tracing_subscriber::filter::ParseError),
+    /// A log is set up already.
+    #[error("the log was set up twice")]
+    Twice(#[source] Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// Starts the log on stderr with the filter `filter` (`None`: `info`).
+///
+/// # Errors
+/// When the filter cannot be read, or there is a log already.
+pub fn start_log(format: LogFormat, filter: Option<&str>) -> Result<(), LogError> {
+    let filter = EnvFilter::builder().parse(filter.unwrap_or("info")).map_err(LogError::Filter)?;
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
+    let started = match format {
+        LogFormat::Text => log.with_ansi(false).try_init(),
+        LogFormat::Json => log.json().try_init(),
+    };
+    started.map_err(LogError::Twice)
+}
+
+/// Labels of what is counted for a channel.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct ChannelLabels {
+    machine: String,
+    channel: String,
+}
+
+/// Labels of what is counted for a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct MachineLabels {
+    machine: String,
+}
+
+/// Labels of what is measured on a shard.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct ShardLabels {
+    shard: u64,
+}
+
+/// Counters of one channel.
+#[derive(Debug, Clone, Default)]
+pub struct ChannelMetrics {
+    /// Samples received and kept.
+    pub received: Counter,
+    /// Samples never received.
+    pub missing: Counter,
+    /// Samples received again or too late.
+    pub duplicated: Counter,
+}
+
+/// Counters of one machine.
+#[derive(Debug, Clone)]
+pub struct MachineMetrics {
+    /// Samples that the source could not hand on, such as values that are no numbers.
+    pub rejected: Counter,
+    /// Blocks lost because the queue was full.
+    pub blocks_dropped: Counter,
+    /// Windows judged.
+    pub windows_judged: Counter,
+    /// Alarm transitions.
+    pub alarm_transitions: Counter,
+    /// From the arrival of the block that completes a window to its published verdict, s.
+    pub verdict_latency_s: Histogram,
+}
+
+/// All metrics, by name.
+pub struct Metrics {
+    registry: Registry,
+    received: Family<ChannelLabels, Counter>,
+    missing: Family<ChannelLabels, Counter>,
+    duplicated: Family<ChannelLabels, Counter>,
+    rejected: Family<MachineLabels, Counter>,
+    blocks_dropped: Family<MachineLabels, Counter>,
+    windows_judged: Family<MachineLabels, Counter>,
+    alarm_transitions: Family<MachineLabels, Counter>,
+    verdict_latency_s: Family<MachineLabels, Histogram, fn() -> Histogram>,
+    queue_bytes: Family<ShardLabels, Gauge>,
+}
+
+impl fmt::Debug for Metrics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Metrics").finish_non_exhaustive()
+    }
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Metrics {
+    /// Registers every metric.
+    #[must_use]
+    pub fn new() -> Self {
+        let mut registry = Registry::with_prefix("rotorwatch");
+        let version = [("version", env!("CARGO_PKG_VERSION"))];
+        registry.register("build", "The running program", Info::new(version));
+        let mut metrics = Self {
+            registry: Registry::default(),
+            received: Family::default(),
+            missing: Family::default(),
+            duplicated: Family::default(),
+            rejected: Family::default(),
+            blocks_dropped: Family::default(),
+            windows_judged: Family::default(),
+            alarm_transitions: Family::default(),
+            verdict_latency_s: Family::new_with_constructor(latency),
+            queue_bytes: Family::default(),
+        };
+        let m = &metrics;
+        registry.register("samples_received", "Samples received and kept", m.received.clone());
+        registry.register("samples_missing", "Samples never received", m.missing.clone());
+        registry.register(
+            "samples_duplicated",
+            "Samples received again or too late, and not used",
+            m.duplicated.clone(),
+        );
+        registry.register(
+            "samples_rejected",
+            "Samples that a source could not hand on",
+            m.rejected.clone(),
+        );
+        registry.register(
+            "blocks_dropped",
+            "Blocks lost because the queue was full",
+            m.blocks_dropped.clone(),
+        );
+        registry.register("windows_judged", "Windows judged", m.windows_judged.clone());
+        registry.register("alarm_transitions", "Alarm transitions", m.alarm_transitions.clone());
+        registry.register(
+            "verdict_latency_seconds",
+            "Time from the arrival of a window's last block to its published verdict",
+            m.verdict_latency_s.clone(),
+        );
+        registry.register("queue_bytes", "Blocks waiting for a shard", m.queue_bytes.clone());
+        metrics.registry = registry;
+        metrics
+    }
+
+    /// Counters of a channel.
+    #[must_use]
+    pub fn channel(&self, machine: &str, channel: &str) -> ChannelMetrics {
+        let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
+        ChannelMetrics {
+            received: self.received.get_or_create_owned(&labels),
+            missing: self.missing.get_or_create_owned(&labels),
+            duplicated: self.duplicated.get_or_create_owned(&labels),
+        }
+    }
+
+    /// Counters of a machine.
+    #[must_use]
+    pub fn machine(&self, machine: &str) -> MachineMetrics {
+        let labels = MachineLabels { machine: machine.to_owned() };
+        MachineMetrics {
+            rejected: self.rejected.get_or_create_owned(&labels),
+            blocks_dropped: self.blocks_dropped.get_or_create_owned(&labels),
+            windows_judged: self.windows_judged.get_or_create_owned(&labels),
+            alarm_transitions: self.alarm_transitions.get_or_create_owned(&labels),
+            verdict_latency_s: self.verdict_latency_s.get_or_create_owned(&labels),
+        }
+    }
+
+    /// Bytes waiting for a shard.
+    #[must_use]
+    pub fn queue_bytes(&self, shard: u64) -> Gauge {
+        self.queue_bytes.get_or_create_owned(&ShardLabels { shard })
+    }
+
+    /// Writes all metrics as OpenMetrics 1.0 text.
+    #[must_use]
+    pub fn encode(&self) -> String {
+        let mut out = String::new();
+        // Writing into a String fails only if a metric does, and none of ours can.
+        if let Err(error) = text::encode(&mut out, &self.registry) {
+            tracing::error!(%error, "metrics cannot be written");
+        }
+        out
+    }
+}
+
+fn latency() -> Histogram {
+    Histogram::new(LATENCY_BOUNDS_S)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_metric_is_written_under_its_name() {
+        let metrics = Metrics::new();
+        let channel = metrics.channel("rig-1", "right_x");
+        channel.received.inc_by(12);
+        metrics.channel("rig-1", "right_x").received.inc_by(30);
+        channel.missing.inc_by(2);
+        channel.duplicated.inc();
+        let machine = metrics.machine("rig-1");
+        machine.rejected.inc_by(3);
+        machine.blocks_dropped.inc();
+        machine.windows_judged.inc();
+        machine.alarm_transitions.inc();
+        machine.verdict_latency_s.observe(0.015);
+        metrics.queue_bytes(0).set(4096);
+        let text = metrics.encode();
+        for line in [
+            concat!("rotorwatch_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\"} 1"),
+            "rotorwatch_samples_received_total{machine=\"rig-1\",channel=\"right_x\"} 42",
+            "rotorwatch_samples_missing_total{machine=\"rig-1\",channel=\"right_x\"} 2",
+            "rotorwatch_samples_duplicated_total{machine=\"rig-1\",channel=\"right_x\"} 1",
+            "rotorwatch_samples_rejected_total{machine=\"rig-1\"} 3",
+            "rotorwatch_blocks_dropped_total{machine=\"rig-1\"} 1",
+            "rotorwatch_windows_judged_total{machine=\"rig-1\"} 1",
+            "rotorwatch_alarm_transitions_total{machine=\"rig-1\"} 1",
+            "rotorwatch_verdict_latency_seconds_bucket{le=\"0.01\",machine=\"rig-1\"} 0",
+            "rotorwatch_verdict_latency_seconds_bucket{le=\"0.02\",machine=\"rig-1\"} 1",
+            "rotorwatch_queue_bytes{shard=\"0\"} 4096",
+            "# EOF",
+        ] {
+            assert!(text.lines().any(|l| l == line), "{line}\nnot in\n{text}");
+        }
+    }
+}

@@ -1,1 +1,54 @@
-//! (to be written)
+//! The daemon: builds shards, sources and server from the configuration, joins them, ends them.
+//!
+//! ```text
+//! source thread ──Link──▶ byte queue ──▶ shard thread: Monitor ──watch──▶ HTTP (tokio)
+//!                                              ▲ request, one-shot reply ────┘
+//! ```
+//!
+//! The one module, besides the command line, that reads the clock and starts threads. Shards never
+//! wait for HTTP; sources wait for shards; everything waits for the stop only.
+
+pub mod stop;
+pub mod queue;
+pub mod link;
+pub mod trend;
+pub mod monitored;
+pub mod shard;
+pub mod source;
+pub mod http;
+pub mod build;
+pub mod daemon;
+
+use crate::config::Config;
+use build::StartError;
+use daemon::Daemon;
+use std::io::Write;
+use std::time::Instant;
+
+/// Runs the daemon until SIGTERM or SIGINT.
+///
+/// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`.
+///
+/// # Errors
+/// When the daemon cannot be started; nothing has been printed then.
+pub fn run(config: &Config, stdout: &mut dyn Write) -> Result<(), StartError> {
+    let mut daemon = Daemon::start(config)?;
+    let printed =
+        writeln!(stdout, "listening on http://{}", daemon.address()).and_then(|()| stdout.flush());
+    if let Err(error) = printed {
+        tracing::warn!(%error, "the address cannot be printed on stdout");
+    }
+    daemon.wait_for_signal();
+    daemon.stop();
+    Ok(())
+}
+
+/// The clock. Monotonic: it paces, times out and measures; stream time comes from the samples.
+#[must_use]
+#[expect(clippy::disallowed_methods, reason = "the daemon's one reading of the clock")]
+pub fn now() -> Instant {
+    Instant::now()
+}
+
+#[cfg(test)]
+mod tests;

@@ -53,6 +53,8 @@ struct Trace<'a> {
     channel: ChannelIndex,
     /// Newest samples of a length that transforms fast.
     samples: &'a [f32],
+    /// All samples of the window.
+    all: &'a [f32],
     range: (u64, u64),
     moments: Moments,
     x_hat: Vec<Complex<f32>>,
@@ -107,6 +109,11 @@ impl Extractor {
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
         }
         let gears = gear::read(&machine, &self.channels, &speed, &gear_inputs(&machine, &traces));
+        for reading in &gears {
+            if let Some(trace) = traces.iter_mut().find(|t| t.channel == reading.channel) {
+                trace.features.extend(gear_features(&machine, reading, &self.channels));
+            }
+        }
         let mut channels: Vec<ChannelFeatures> = traces
             .into_iter()
             .map(|t| ChannelFeatures { channel: t.channel, sample_range: t.range, values: t.features })
@@ -186,6 +193,7 @@ impl Extractor {
                 sensor: reading.sensor,
                 channel: reading.channel,
                 samples,
+                all: run.samples,
                 range: range_of(run),
                 moments,
                 x_hat,
@@ -358,11 +366,24 @@ fn quantity(kind: SensorKind) -> Option<Quantity> {
     }
 }
 
+/// What a baseline keeps of a gear's average.
+fn gear_features(machine: &Machine, reading: &gear::GearReading, channels: &[ChannelInfo]) -> Vec<Feature> {
+    let gear = &machine.gear(reading.gear).id;
+    let shaft = &machine.shaft(reading.shaft).id;
+    let unit = channels[reading.channel.0].unit;
+    let name = gear::local_name(gear, shaft);
+    let mut features = vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    if let Some(value) = reading.figures.fm4 {
+        features.push(Feature { name: Arc::from(format!("fm4_{gear}_{shaft}")), value, unit: Unit::One });
+    }
+    features
+}
+
 fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Input<'a>> {
     traces
         .iter()
         .filter(|t| machine.sensors[t.sensor].kind == SensorKind::Accelerometer)
-        .map(|t| gear::Input { sensor: t.sensor, channel: t.channel, samples: t.samples, range: t.range })
+        .map(|t| gear::Input { sensor: t.sensor, channel: t.channel, samples: t.all, range: t.range })
         .collect()
 }
 

@@ -263,8 +263,8 @@ fn unreadable(
     shaft_speed: Hz,
     duration_s: f64,
 ) -> Option<Unreadable> {
-    let needed = Hz(usable.0.0 + target.expected.0 * MIN_WIDTH_PER_LINE);
-    if usable.1.0 < needed.0 {
+    let needed = Hz(usable.0 .0 + target.expected.0 * MIN_WIDTH_PER_LINE);
+    if usable.1 .0 < needed.0 {
         return Some(Unreadable::TooSlow { usable: usable.1, needed });
     }
     let needed_s = MIN_REVOLUTIONS / shaft_speed.0;

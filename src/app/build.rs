@@ -1,0 +1,220 @@
+//! From configuration to machines on shards: opens the sources, checks memory, deals out.
+
+use super::http::MetricsText;
+use super::link::Link;
+use super::link::ShardQueue;
+use super::monitored::Monitored;
+use super::monitored::Opened;
+use super::shard;
+use super::shard::Heartbeat;
+use super::source::with_causes;
+use crate::api::view::MachineHandle;
+use crate::api::view::SourceState;
+use crate::api::view::Submit;
+use crate::config::Config;
+use crate::config::MachineConfig;
+use crate::config::SourceConfig;
+use crate::ingest::replay;
+use crate::ingest::replay::StreamInfo;
+use crate::pipeline::Monitor;
+use crate::pipeline::MonitorError;
+use crate::pipeline::SpeedHints;
+use crate::telemetry::Metrics;
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::thread;
+
+/// Bytes of blocks that may wait for a shard: about 20 s of ten channels at 25.6 kHz.
+pub const QUEUE_BYTES: usize = 16 << 20;
+
+/// Questions that may wait for a shard.
+const MAX_REQUESTS: usize = 64;
+
+/// Why the daemon cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The rings do not fit.
+    #[error(
+        "the rings and queues need {needed_bytes} bytes and memory_limit_bytes is {limit_bytes}: \
+         raise it, shorten ring_seconds, or monitor fewer channels ({largest})"
+    )]
+    Memory {
+        /// What they need.
+        needed_bytes: u64,
+        /// What is allowed.
+        limit_bytes: u64,
+        /// The machine that needs most, and how much.
+        largest: String,
+    },
+    /// A machine cannot be monitored with its source.
+    #[error("machine {machine:?} cannot be monitored")]
+    Monitor {
+        /// Machine id.
+        machine: String,
+        /// Why.
+        source: MonitorError,
+    },
+    /// The port cannot be bound.
+    #[error("the address {address} cannot be bound, choose another in [server] bind")]
+    Bind {
+        /// The address.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// The system does not give a thread or a signal handler.
+    #[error("the system refused {what}")]
+    System {
+        /// What was asked for.
+        what: &'static str,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// A shard before its thread starts.
+#[derive(Debug)]
+pub(super) struct ShardPlan {
+    pub(super) queue: Arc<ShardQueue>,
+    pub(super) machines: Vec<Monitored>,
+    pub(super) heartbeat: Arc<Heartbeat>,
+}
+
+/// A source before its thread starts.
+#[derive(Debug)]
+pub(super) struct SourcePlan {
+    pub(super) machine: Arc<crate::machine::Machine>,
+    pub(super) settings: replay::Settings,
+    pub(super) link: Link,
+}
+
+/// Everything before any thread starts.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub(super) shards: Vec<ShardPlan>,
+    pub(super) sources: Vec<SourcePlan>,
+    pub(super) handles: Vec<MachineHandle>,
+    pub(super) metrics: Arc<Metrics>,
+}
+
+/// Builds everything.
+///
+/// # Errors
+/// When memory does not suffice or a machine has no channel in its stream. A source that cannot be
+/// opened is no error: its machine is shown as failed, and the others are monitored.
+pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
+    let streams: Vec<_> = config.machines.iter().map(open).collect();
+    let n_shards = n_shards(config);
+    check_memory(config, &streams, n_shards)?;
+    let metrics = Arc::new(Metrics::new());
+    let mut shards: Vec<ShardPlan> = (0..n_shards)
+        .map(|_| ShardPlan {
+            queue: Arc::new(ShardQueue::new(QUEUE_BYTES, MAX_REQUESTS)),
+            machines: Vec::new(),
+            heartbeat: Arc::default(),
+        })
+        .collect();
+    let loads: Vec<_> = config
+        .machines
+        .iter()
+        .zip(&streams)
+        .map(|(entry, stream)| (entry.machine.id.as_str(), load(stream)))
+        .collect();
+    let assigned = shard::assign(&loads, n_shards);
+    let (mut sources, mut handles) = (Vec::new(), Vec::new());
+    for ((entry, stream), shard) in config.machines.iter().zip(streams).zip(assigned) {
+        let shard = &mut shards[shard];
+        let link = Link::new(Arc::clone(&shard.queue), shard.machines.len());
+        let opened = monitor(config, entry, stream)?;
+        if opened.monitor.is_some() {
+            let SourceConfig::Replay(settings) = entry.source.clone();
+            let machine = Arc::clone(&entry.machine);
+            sources.push(SourcePlan { machine, settings, link: link.clone() });
+        }
+        let losses = Arc::clone(link.losses());
+        let (monitored, view) =
+            Monitored::new(Arc::clone(&entry.machine), opened, losses, &metrics);
+        shard.machines.push(monitored);
+        let submit: Submit = Arc::new(move |request| link.ask(request));
+        handles.push(MachineHandle { machine: Arc::clone(&entry.machine), view, submit });
+    }
+    Ok(Plan { shards, sources, handles, metrics })
+}
+
+impl Plan {
+    /// What `/metrics` shows.
+    pub(super) fn metrics_text(&self) -> MetricsText {
+        let metrics = Arc::clone(&self.metrics);
+        Arc::new(move || metrics.encode())
+    }
+}
+
+/// Opens a machine's source for what is known before the first sample; or why it cannot be.
+fn open(entry: &MachineConfig) -> Result<StreamInfo, String> {
+    let SourceConfig::Replay(settings) = &entry.source;
+    let opened = replay::open(&settings.file, &entry.machine);
+    opened.map(|stream| stream.info).map_err(|error| with_causes(&error))
+}
+
+/// Makes the monitor of a machine whose source could be opened.
+fn monitor(
+    config: &Config,
+    entry: &MachineConfig,
+    stream: Result<StreamInfo, String>,
+) -> Result<Opened, StartError> {
+    let machine = &entry.machine;
+    let info = match stream {
+        Ok(info) => info,
+        Err(reason) => {
+            tracing::error!(machine = machine.id, reason, "source failed");
+            let source = SourceState::Failed(reason);
+            return Ok(Opened { monitor: None, source, start_time: None });
+        }
+    };
+    let hints = SpeedHints { option: None, capture: info.shaft_speed };
+    let monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &config.monitor)
+        .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
+    Ok(Opened {
+        monitor: Some(monitor),
+        source: SourceState::Starting,
+        start_time: info.start_time,
+    })
+}
+
+/// Number of shards: as configured, never more than machines, at least one.
+fn n_shards(config: &Config) -> usize {
+    let n_cores = thread::available_parallelism().map_or(1, usize::from);
+    let wanted = if config.workers == 0 { n_cores.saturating_sub(1) } else { config.workers };
+    wanted.min(config.machines.len()).max(1)
+}
+
+/// Samples a second of a stream, all channels together.
+fn load(stream: &Result<StreamInfo, String>) -> f64 {
+    let channels = stream.as_ref().map_or(&[][..], |info| &info.channels);
+    channels.iter().map(|channel| channel.sample_rate.0).sum()
+}
+
+/// Refuses to start when rings and queues would need more than the limit.
+fn check_memory(
+    config: &Config,
+    streams: &[Result<StreamInfo, String>],
+    n_shards: usize,
+) -> Result<(), StartError> {
+    let needs = config.machines.iter().zip(streams).filter_map(|(entry, stream)| {
+        let info = stream.as_ref().ok()?;
+        Some((Monitor::ring_bytes(&info.channels, &config.monitor) as u64, &entry.machine.id))
+    });
+    let needs: Vec<_> = needs.collect();
+    let Some((most, id)) = needs.iter().max() else { return Ok(()) };
+    let rings = needs.iter().fold(0_u64, |sum, (bytes, _)| sum.saturating_add(*bytes));
+    let needed_bytes = rings.saturating_add((n_shards * QUEUE_BYTES) as u64);
+    if needed_bytes <= config.memory_limit_bytes {
+        return Ok(());
+    }
+    Err(StartError::Memory {
+        needed_bytes,
+        limit_bytes: config.memory_limit_bytes,
+        largest: format!("most for machine {id:?}: {most} bytes"),
+    })
+}

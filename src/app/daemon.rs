@@ -1,0 +1,273 @@
+//! The running daemon: starts the threads in order and ends them in bounded time.
+
+use super::build;
+use super::build::Plan;
+use super::build::ShardPlan;
+use super::build::SourcePlan;
+use super::build::StartError;
+use super::http;
+use super::http::ReadinessCheck;
+use super::link::ShardQueue;
+use super::shard;
+use super::shard::Heartbeat;
+use super::source;
+use super::stop::Stop;
+use crate::api::view::MachineHandle;
+use crate::config::Config;
+use crate::ingest::replay;
+use crate::telemetry::Metrics;
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::net::TcpListener;
+use std::sync::Arc;
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tokio::signal::unix::Signal;
+use tokio::signal::unix::SignalKind;
+use tokio::signal::unix::signal;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+/// Threads of the HTTP runtime; the work is done by the shards.
+const HTTP_THREADS: usize = 2;
+
+/// Threads for spectra on demand.
+const MAX_BLOCKING_THREADS: usize = 4;
+
+/// How long shards and sources may take to end. With [`http::GRACE`], which runs before it, and
+/// [`RUNTIME_GRACE`] after it, this stays below the five seconds promised.
+const THREAD_GRACE: Duration = Duration::from_secs(2);
+
+/// How long the runtime may take to end.
+const RUNTIME_GRACE: Duration = Duration::from_millis(500);
+
+/// A shard that has not come round for this long is stuck or hopelessly behind.
+const STALE_AFTER: Duration = Duration::from_secs(10);
+
+/// The running daemon.
+pub struct Daemon {
+    address: SocketAddr,
+    handles: Vec<MachineHandle>,
+    stop: Arc<Stop>,
+    queues: Vec<Arc<ShardQueue>>,
+    runtime: Runtime,
+    server: JoinHandle<()>,
+    server_stop: CancellationToken,
+    signals: Signals,
+    threads: Threads,
+}
+
+impl fmt::Debug for Daemon {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Daemon").field("address", &self.address).finish_non_exhaustive()
+    }
+}
+
+impl Daemon {
+    /// Starts everything: sources are opened and memory is checked before the port is bound, and
+    /// samples flow only after it.
+    ///
+    /// # Errors
+    /// See [`StartError`].
+    pub fn start(config: &Config) -> Result<Self, StartError> {
+        let plan = build::plan(config)?;
+        if plan.handles.is_empty() {
+            tracing::warn!("no machine is configured, nothing will be monitored");
+        }
+        let runtime = runtime().map_err(|source| system("threads for http", source))?;
+        let (address, listener) = bind(config.bind, &runtime)?;
+        let signals =
+            Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
+
+        let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
+        let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
+        let Plan { shards, sources, handles, metrics } = plan;
+        let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
+        let mut threads = Threads::new(shards.len() + sources.len());
+        let started = start_threads(&mut threads, shards, sources, &metrics, &stop);
+        if let Err(source) = started {
+            queues.iter().for_each(|queue| queue.close());
+            stop.set();
+            return Err(system("threads for shards and sources", source));
+        }
+        let router = http::router(handles.clone(), address, metrics_text, readiness);
+        let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
+        tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
+        Ok(Self { address, handles, stop, queues, runtime, server, server_stop, signals, threads })
+    }
+
+    /// Address of HTTP with its real port.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The machines, in the order of the configuration.
+    #[must_use]
+    pub fn machines(&self) -> &[MachineHandle] {
+        &self.handles
+    }
+
+    /// Waits for SIGTERM or SIGINT.
+    pub fn wait_for_signal(&mut self) {
+        let signals = &mut self.signals;
+        let name = self.runtime.block_on(async {
+            tokio::select! {
+                _ = signals.terminate.recv() => "SIGTERM",
+                _ = signals.interrupt.recv() => "SIGINT",
+            }
+        });
+        tracing::info!(signal = name, "stopping");
+    }
+
+    /// Ends everything within five seconds: no new connections, sources, shards, open connections.
+    /// Threads that do not end in time are left to the end of the process.
+    pub fn stop(self) {
+        self.server_stop.cancel();
+        self.stop.set();
+        let n_bytes: usize = self.queues.iter().map(|queue| queue.bytes()).sum();
+        if n_bytes > 0 {
+            tracing::info!(n_bytes, "blocks waiting in the queues were not analysed");
+        }
+        self.queues.iter().for_each(|queue| queue.close());
+        if let Err(error) = self.runtime.block_on(self.server) {
+            tracing::error!(%error, "http server panicked");
+        }
+        let n_left = self.threads.wait(THREAD_GRACE);
+        if n_left > 0 {
+            tracing::warn!(n_left, "threads did not end in time");
+        }
+        self.runtime.shutdown_timeout(RUNTIME_GRACE);
+        tracing::info!("stopped");
+    }
+}
+
+/// Starts a thread for each shard and each source.
+fn start_threads(
+    threads: &mut Threads,
+    shards: Vec<ShardPlan>,
+    sources: Vec<SourcePlan>,
+    metrics: &Metrics,
+    stop: &Arc<Stop>,
+) -> io::Result<()> {
+    for (number, plan) in (0_u64..).zip(shards) {
+        let queue_bytes = metrics.queue_bytes(number);
+        let ShardPlan { queue, mut machines, heartbeat } = plan;
+        threads.start(format!("shard-{number}"), move || {
+            shard::run(&queue, &mut machines, &heartbeat, &queue_bytes);
+        })?;
+    }
+    for plan in sources {
+        let stop = Arc::clone(stop);
+        threads.start(format!("source-{}", plan.machine.id), move || {
+            let mut open = || replay::open(&plan.settings.file, &plan.machine);
+            source::run(&plan.settings, &mut open, &plan.link, &stop);
+        })?;
+    }
+    Ok(())
+}
+
+fn runtime() -> io::Result<Runtime> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(HTTP_THREADS)
+        .max_blocking_threads(MAX_BLOCKING_THREADS)
+        .thread_name("http")
+        .enable_all()
+        .build()
+}
+
+fn bind(
+    address: SocketAddr,
+    runtime: &Runtime,
+) -> Result<(SocketAddr, tokio::net::TcpListener), StartError> {
+    let _context = runtime.enter();
+    let bound = TcpListener::bind(address).and_then(|listener| {
+        listener.set_nonblocking(true)?;
+        Ok((listener.local_addr()?, tokio::net::TcpListener::from_std(listener)?))
+    });
+    bound.map_err(|source| StartError::Bind { address, source })
+}
+
+fn system(what: &'static str, source: io::Error) -> StartError {
+    StartError::System { what, source }
+}
+
+/// Names the shards that do not come round.
+fn readiness(plan: &Plan) -> ReadinessCheck {
+    let heartbeats: Vec<Arc<Heartbeat>> =
+        plan.shards.iter().map(|shard| Arc::clone(&shard.heartbeat)).collect();
+    Arc::new(move || {
+        let stale = heartbeats.iter().enumerate().filter(|(_, beat)| beat.age() > STALE_AFTER);
+        stale
+            .map(|(shard, beat)| {
+                format!("shard {shard} has not moved for {} s", beat.age().as_secs())
+            })
+            .collect()
+    })
+}
+
+/// The signals that end the daemon.
+struct Signals {
+    terminate: Signal,
+    interrupt: Signal,
+}
+
+impl Signals {
+    fn catch(runtime: &Runtime) -> io::Result<Self> {
+        let _context = runtime.enter();
+        Ok(Self {
+            terminate: signal(SignalKind::terminate())?,
+            interrupt: signal(SignalKind::interrupt())?,
+        })
+    }
+}
+
+/// Threads that tell when they have ended, so that waiting for them has a limit.
+struct Threads {
+    n_running: usize,
+    ended: mpsc::SyncSender<()>,
+    endings: mpsc::Receiver<()>,
+}
+
+impl Threads {
+    fn new(n_max: usize) -> Self {
+        let (ended, endings) = mpsc::sync_channel(n_max);
+        Self { n_running: 0, ended, endings }
+    }
+
+    fn start(&mut self, name: String, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
+        let ended = Ended(self.ended.clone());
+        let _detached = thread::Builder::new().name(name).spawn(move || {
+            let _ended = ended;
+            work();
+        })?;
+        self.n_running += 1;
+        Ok(())
+    }
+
+    /// Waits until all have ended, at most `limit`; gives the number that has not.
+    fn wait(mut self, limit: Duration) -> usize {
+        let deadline = super::now() + limit;
+        while self.n_running > 0 {
+            let left = deadline.saturating_duration_since(super::now());
+            if self.endings.recv_timeout(left).is_err() {
+                break;
+            }
+            self.n_running -= 1;
+        }
+        self.n_running
+    }
+}
+
+/// Tells the end of its thread, by return or by panic.
+struct Ended(mpsc::SyncSender<()>);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        // The channel has room for every thread; without a receiver nobody waits.
+        let _nobody_waits = self.0.try_send(());
+    }
+}

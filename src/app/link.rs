@@ -1,0 +1,143 @@
+//! A source's end of the way to its machine's shard.
+
+use super::queue::Closed;
+use super::queue::Queue;
+use super::queue::Refused;
+use crate::api::view::ShardBusy;
+use crate::api::view::ShardRequest;
+use crate::api::view::SourceState;
+use crate::signal::Block;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// What a source tells its shard.
+#[derive(Debug)]
+pub enum Input {
+    /// Samples, and when they arrived.
+    Block(Block, Instant),
+    /// Samples that the source received but cannot hand on.
+    Rejected {
+        /// How many.
+        n_samples: u64,
+        /// Why.
+        reason: String,
+    },
+    /// How the source is doing.
+    Source(SourceState),
+}
+
+/// Input or request, with the place of the machine on its shard.
+pub type ShardQueue = Queue<(usize, Input), (usize, ShardRequest)>;
+
+/// The way to one machine; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Link {
+    queue: Arc<ShardQueue>,
+    /// Place of the machine on its shard.
+    machine: usize,
+    losses: Arc<Losses>,
+}
+
+/// What was lost because a queue was full.
+#[derive(Debug, Default)]
+pub struct Losses {
+    blocks: AtomicU64,
+    samples: AtomicU64,
+}
+
+impl Losses {
+    /// Blocks and samples lost so far.
+    #[must_use]
+    pub fn so_far(&self) -> (u64, u64) {
+        (self.blocks.load(Ordering::Relaxed), self.samples.load(Ordering::Relaxed))
+    }
+}
+
+impl Link {
+    /// Makes the way to the machine at place `machine` of the shard behind `queue`.
+    #[must_use]
+    pub fn new(queue: Arc<ShardQueue>, machine: usize) -> Self {
+        Self { queue, machine, losses: Arc::default() }
+    }
+
+    /// What [`Self::offer`] lost.
+    #[must_use]
+    pub fn losses(&self) -> &Arc<Losses> {
+        &self.losses
+    }
+
+    /// Hands an input on, waiting for room: nothing is lost.
+    ///
+    /// # Errors
+    /// When the daemon is stopping.
+    pub fn send(&self, input: Input) -> Result<(), Closed> {
+        let bytes = bytes_of(&input);
+        self.queue.push_wait((self.machine, input), bytes)
+    }
+
+    /// Hands a block on if there is room, and otherwise drops and counts it: for live sources,
+    /// which cannot wait.
+    ///
+    /// # Errors
+    /// When the daemon is stopping.
+    pub fn offer(&self, block: Block, arrived: Instant) -> Result<(), Closed> {
+        let n_samples = block.samples.len() as u64;
+        let input = Input::Block(block, arrived);
+        let bytes = bytes_of(&input);
+        match self.queue.try_push((self.machine, input), bytes) {
+            Ok(()) => Ok(()),
+            Err(Refused::Closed(_)) => Err(Closed),
+            Err(Refused::Full(_)) => {
+                self.losses.blocks.fetch_add(1, Ordering::Relaxed);
+                self.losses.samples.fetch_add(n_samples, Ordering::Relaxed);
+                Ok(())
+            }
+        }
+    }
+
+    /// Puts a question to the shard; it is answered between two blocks.
+    ///
+    /// # Errors
+    /// When too many questions are waiting.
+    pub fn ask(&self, request: ShardRequest) -> Result<(), ShardBusy> {
+        self.queue.try_request((self.machine, request)).map_err(|_| ShardBusy)
+    }
+}
+
+/// Memory an input takes while it waits.
+fn bytes_of(input: &Input) -> usize {
+    let heap = match input {
+        Input::Block(block, _) => block.samples.capacity() * size_of::<f32>(),
+        Input::Rejected { reason, .. } => reason.len(),
+        Input::Source(_) => 0,
+    };
+    size_of::<(usize, Input)>() + heap
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::ChannelIndex;
+    use crate::signal::SampleIndex;
+
+    #[test]
+    fn a_live_source_loses_the_newest_block_and_counts_it() {
+        let queue = Arc::new(ShardQueue::new(1000, 1));
+        let link = Link::new(Arc::clone(&queue), 0);
+        for start in [0, 200, 400] {
+            let block = Block {
+                channel: ChannelIndex(0),
+                start: SampleIndex(start),
+                segment: 0,
+                time_s: 0.0,
+                samples: vec![0.0; 200], // 800 bytes: the second does not fit
+            };
+            link.offer(block, super::super::now()).unwrap();
+        }
+        assert_eq!(link.losses().so_far(), (2, 400));
+        queue.close();
+        assert_eq!(link.send(Input::Source(SourceState::Finished)), Err(Closed));
+    }
+}

@@ -1,0 +1,335 @@
+//! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
+
+use super::link::Input;
+use super::link::Losses;
+use super::trend::TrendStore;
+use crate::alarms::AlarmEvent;
+use crate::api::view::AlarmHistory;
+use crate::api::view::MachineView;
+use crate::api::view::ShardRequest;
+use crate::api::view::SourceState;
+use crate::api::view::Waveform;
+use crate::buffer::RingStatus;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::features::ChannelFeatures;
+use crate::machine::Machine;
+use crate::pipeline::Monitor;
+use crate::pipeline::Outcome;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use crate::signal::Timestamp;
+use crate::telemetry::ChannelMetrics;
+use crate::telemetry::MachineMetrics;
+use crate::telemetry::Metrics;
+use std::panic::AssertUnwindSafe;
+use std::panic::catch_unwind;
+use std::sync::Arc;
+use std::time::Instant;
+use tokio::sync::watch;
+
+/// Most samples of one waveform reply: 4 MiB, copied in about a millisecond.
+pub const MAX_WAVEFORM_SAMPLES: usize = 1 << 20;
+
+/// What is known of a machine before its first block.
+#[derive(Debug)]
+pub struct Opened {
+    /// The monitor; `None` when the source cannot be opened.
+    pub monitor: Option<Monitor>,
+    /// How the source is doing.
+    pub source: SourceState,
+    /// UTC of stream time 0.
+    pub start_time: Option<Timestamp>,
+}
+
+/// The machine.
+#[derive(Debug)]
+pub struct Monitored {
+    machine: Arc<Machine>,
+    monitor: Option<Monitor>,
+    source: SourceState,
+    start_time: Option<Timestamp>,
+    channels: Arc<Vec<ChannelInfo>>,
+    diagnosis: Option<Arc<Diagnosis>>,
+    state_since_s: Vec<f64>,
+    features: Arc<Vec<ChannelFeatures>>,
+    /// One a channel.
+    trends: Vec<TrendStore>,
+    losses: Arc<Losses>,
+    publisher: watch::Sender<Arc<MachineView>>,
+    meters: Meters,
+}
+
+impl Monitored {
+    /// Makes the machine and the receiver of its snapshots.
+    #[must_use]
+    pub fn new(
+        machine: Arc<Machine>,
+        opened: Opened,
+        losses: Arc<Losses>,
+        metrics: &Metrics,
+    ) -> (Self, watch::Receiver<Arc<MachineView>>) {
+        let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
+        let meters = Meters::new(metrics, &machine.id, &channels);
+        let (publisher, view) = watch::channel(Arc::new(empty_view()));
+        let mut monitored = Self {
+            machine,
+            monitor: opened.monitor,
+            source: opened.source,
+            start_time: opened.start_time,
+            trends: vec![TrendStore::default(); channels.len()],
+            channels: Arc::new(channels),
+            diagnosis: None,
+            state_since_s: Vec::new(),
+            features: Arc::default(),
+            losses,
+            publisher,
+            meters,
+        };
+        monitored.publish(0);
+        (monitored, view)
+    }
+
+    /// Takes an input in; publishes when a window was judged or the source's state changed.
+    pub fn take(&mut self, input: Input, queue_bytes: usize) {
+        match input {
+            Input::Block(block, arrived) => self.take_block(&block, arrived, queue_bytes),
+            Input::Rejected { n_samples, reason } => {
+                self.meters.machine.rejected.inc_by(n_samples);
+                tracing::warn!(machine = self.machine.id, n_samples, reason, "samples rejected");
+                if let Some(monitor) = &mut self.monitor {
+                    monitor.count_rejected(n_samples, &reason);
+                }
+            }
+            Input::Source(state) => {
+                self.note_source(state);
+                if self.source == SourceState::Finished {
+                    let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
+                    self.take_outcomes(outcomes, None, queue_bytes);
+                }
+                self.publish(queue_bytes);
+            }
+        }
+    }
+
+    /// Answers a question. Who asked may have gone: then the answer is dropped.
+    pub fn answer(&mut self, request: ShardRequest, queue_bytes: usize) {
+        match request {
+            ShardRequest::Waveform { channel, end, max_samples, reply } => {
+                drop(reply.send(self.waveform(channel, end, max_samples)));
+            }
+            ShardRequest::Trend { channel, reply } => {
+                drop(
+                    reply.send(self.trends.get(channel).map(TrendStore::copy).unwrap_or_default()),
+                );
+            }
+            ShardRequest::Acknowledge { alarm, author, comment, reply } => {
+                let time_s = self.stream_time_s();
+                let Some(monitor) = &mut self.monitor else {
+                    drop(reply.send(Err(crate::alarms::ActionError::UnknownAlarm { id: alarm })));
+                    return;
+                };
+                let done = monitor.alarms_mut().acknowledge(alarm, &author, &comment, time_s);
+                let answer = done.map(|(alarm, events)| {
+                    self.note_alarm_events(&events);
+                    alarm
+                });
+                // Published first, so that who asked sees the act in the next snapshot.
+                self.publish(queue_bytes);
+                drop(reply.send(answer));
+            }
+            ShardRequest::AlarmHistory { reply } => {
+                let alarms = self.monitor.as_ref().map(Monitor::alarms);
+                drop(reply.send(alarms.map_or_else(AlarmHistory::default, |alarms| {
+                    AlarmHistory {
+                        events: alarms.history().iter().cloned().collect(),
+                        dropped: alarms.history_dropped(),
+                    }
+                })));
+            }
+        }
+    }
+
+    /// Publishes a snapshot.
+    pub fn publish(&mut self, queue_bytes: usize) {
+        let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
+        let dropped = self.losses.so_far();
+        self.meters.update(&rings, dropped.0);
+        let alarms = self.monitor.as_ref().map(|m| m.alarms().standing()).unwrap_or_default();
+        self.publisher.send_replace(Arc::new(MachineView {
+            source: self.source.clone(),
+            stream_time_s: newest_time_s(&rings),
+            start_time: self.start_time,
+            channels: Arc::clone(&self.channels),
+            rings,
+            diagnosis: self.diagnosis.clone(),
+            state_since_s: self.state_since_s.clone(),
+            features: Arc::clone(&self.features),
+            alarms: Arc::new(alarms),
+            queue_bytes,
+            dropped,
+        }));
+    }
+
+    fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
+        if self.source == SourceState::Starting {
+            self.note_source(SourceState::Running);
+            self.publish(queue_bytes);
+        }
+        let outcomes = self.guarded(|monitor, emit| monitor.step(block, emit));
+        self.take_outcomes(outcomes, Some(arrived), queue_bytes);
+    }
+
+    /// Lets the monitor work. Should it panic, this machine alone is given up: the shard and its
+    /// other machines go on.
+    fn guarded(
+        &mut self,
+        work: impl FnOnce(&mut Monitor, &mut dyn FnMut(Outcome)),
+    ) -> Vec<Outcome> {
+        let mut outcomes = Vec::new();
+        let Some(monitor) = &mut self.monitor else { return outcomes };
+        let done = catch_unwind(AssertUnwindSafe(|| {
+            work(monitor, &mut |outcome| outcomes.push(outcome));
+        }));
+        if done.is_err() {
+            self.monitor = None;
+            let reason = "internal error in the analysis, see the log".to_owned();
+            self.note_source(SourceState::Failed(reason));
+        }
+        outcomes
+    }
+
+    fn take_outcomes(
+        &mut self,
+        outcomes: Vec<Outcome>,
+        arrived: Option<Instant>,
+        queue_bytes: usize,
+    ) {
+        for outcome in outcomes {
+            let end_s = outcome.time_s.1;
+            self.state_since_s =
+                since(self.diagnosis.as_deref(), &self.state_since_s, &outcome.diagnosis, end_s);
+            for features in &outcome.features {
+                if let Some(trend) = self.trends.get_mut(features.channel.0) {
+                    trend.push(end_s, features);
+                }
+            }
+            self.diagnosis = Some(outcome.diagnosis);
+            self.features = Arc::new(outcome.features);
+            self.note_alarm_events(&outcome.alarm_events);
+            self.meters.machine.windows_judged.inc();
+            self.publish(queue_bytes);
+            if let Some(arrived) = arrived {
+                let latency = super::now().saturating_duration_since(arrived);
+                self.meters.machine.verdict_latency_s.observe(latency.as_secs_f64());
+            }
+        }
+    }
+
+    fn waveform(&self, channel: usize, end: Option<u64>, max_samples: usize) -> Option<Waveform> {
+        let monitor = self.monitor.as_ref().filter(|_| channel < self.channels.len())?;
+        let ring = monitor.ring(ChannelIndex(channel));
+        let end = ring.newest_before(SampleIndex(end.unwrap_or(u64::MAX)))?;
+        let (start, len) = ring.contiguous_before(end, max_samples.min(MAX_WAVEFORM_SAMPLES));
+        let mut samples = vec![0.0; len];
+        let start_time_s = ring.time_of(start)?;
+        ring.copy(start, &mut samples).then_some(Waveform { start: start.0, start_time_s, samples })
+    }
+
+    fn note_source(&mut self, state: SourceState) {
+        let machine = &self.machine.id;
+        match &state {
+            SourceState::Starting => {}
+            SourceState::Running => tracing::info!(machine, "source is running"),
+            SourceState::Finished => tracing::info!(machine, "source finished"),
+            SourceState::Failed(reason) => tracing::error!(machine, reason, "source failed"),
+        }
+        self.source = state;
+    }
+
+    fn note_alarm_events(&self, events: &[AlarmEvent]) {
+        self.meters.machine.alarm_transitions.inc_by(events.len() as u64);
+        for event in events {
+            tracing::warn!(
+                machine = self.machine.id,
+                component = event.alarm.component,
+                level = event.alarm.level.name(),
+                transition = event.kind.name(),
+                stream_time_s = event.time_s,
+                "alarm"
+            );
+        }
+    }
+
+    fn stream_time_s(&self) -> f64 {
+        newest_time_s(&self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default())
+    }
+}
+
+/// Stream time one past the newest sample of any channel, s.
+fn newest_time_s(rings: &[RingStatus]) -> f64 {
+    rings.iter().map(|ring| ring.newest_time_s).fold(0.0, f64::max)
+}
+
+/// Since when each component of `new`, and then the whole, has its state, s of stream time.
+fn since(old: Option<&Diagnosis>, old_since_s: &[f64], new: &Diagnosis, now_s: f64) -> Vec<f64> {
+    let component_since = new.components.iter().map(|component| {
+        let components = old.map_or(&[][..], |old| &old.components);
+        let at = components.iter().position(|o| {
+            o.kind == component.kind && o.id == component.id && o.state == component.state
+        });
+        at.and_then(|at| old_since_s.get(at).copied()).unwrap_or(now_s)
+    });
+    let whole = old.filter(|old| old.state == new.state).and_then(|_| old_since_s.last().copied());
+    component_since.chain([whole.unwrap_or(now_s)]).collect()
+}
+
+fn empty_view() -> MachineView {
+    MachineView {
+        source: SourceState::Starting,
+        stream_time_s: 0.0,
+        start_time: None,
+        channels: Arc::default(),
+        rings: Vec::new(),
+        diagnosis: None,
+        state_since_s: Vec::new(),
+        features: Arc::default(),
+        alarms: Arc::default(),
+        queue_bytes: 0,
+        dropped: (0, 0),
+    }
+}
+
+/// The machine's counters, and the counts they have been given.
+#[derive(Debug)]
+struct Meters {
+    machine: MachineMetrics,
+    channels: Vec<(ChannelMetrics, RingStatus)>,
+    blocks_dropped: u64,
+}
+
+impl Meters {
+    fn new(metrics: &Metrics, machine: &str, channels: &[ChannelInfo]) -> Self {
+        let counted = |channel: &ChannelInfo| {
+            (metrics.channel(machine, &channel.name), RingStatus::default())
+        };
+        Self {
+            machine: metrics.machine(machine),
+            channels: channels.iter().map(counted).collect(),
+            blocks_dropped: 0,
+        }
+    }
+
+    /// Adds what was counted since the last time.
+    fn update(&mut self, rings: &[RingStatus], blocks_dropped: u64) {
+        for ((counters, before), now) in self.channels.iter_mut().zip(rings) {
+            counters.received.inc_by(now.received - before.received);
+            counters.missing.inc_by(now.missing - before.missing);
+            counters.duplicated.inc_by(now.duplicated - before.duplicated);
+            *before = *now;
+        }
+        self.machine.blocks_dropped.inc_by(blocks_dropped - self.blocks_dropped);
+        self.blocks_dropped = blocks_dropped;
+    }
+}

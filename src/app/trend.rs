@@ -1,0 +1,126 @@
+//! Features of the last windows, in memory and bounded.
+
+use crate::api::view::Trend;
+use crate::features::ChannelFeatures;
+use crate::features::Feature;
+use crate::units::Unit;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// Windows kept for each channel: four hours at the default hop of 5 s.
+pub const MAX_POINTS: usize = 2880;
+
+/// Most features kept for each channel; what comes beyond is left out of the trend.
+pub const MAX_COLUMNS: usize = 256;
+
+/// The trend of one channel; the oldest window gives way.
+#[derive(Debug, Clone, Default)]
+pub struct TrendStore {
+    time_s: VecDeque<f64>,
+    columns: Vec<Column>,
+}
+
+/// One feature over time.
+#[derive(Debug, Clone)]
+struct Column {
+    name: Arc<str>,
+    unit: Unit,
+    /// NaN for a window without the feature.
+    values: VecDeque<f64>,
+}
+
+impl TrendStore {
+    /// Adds the features of a window that ended at `time_s`.
+    pub fn push(&mut self, time_s: f64, features: &ChannelFeatures) {
+        if self.time_s.len() == MAX_POINTS {
+            self.time_s.pop_front();
+            for column in &mut self.columns {
+                column.values.pop_front();
+            }
+        }
+        for feature in &features.values {
+            self.add_column(feature);
+        }
+        self.time_s.push_back(time_s);
+        for column in &mut self.columns {
+            let feature = features.values.iter().find(|feature| feature.name == column.name);
+            column.values.push_back(feature.map_or(f64::NAN, |feature| feature.value));
+        }
+    }
+
+    /// Copies the whole trend.
+    #[must_use]
+    pub fn copy(&self) -> Trend {
+        let columns = self.columns.iter();
+        Trend {
+            time_s: self.time_s.iter().copied().collect(),
+            columns: columns
+                .map(|c| (c.name.to_string(), c.unit, c.values.iter().copied().collect()))
+                .collect(),
+        }
+    }
+
+    /// Makes a column for a feature that is new, without values before.
+    fn add_column(&mut self, feature: &Feature) {
+        let is_known = self.columns.iter().any(|column| column.name == feature.name);
+        if !is_known && self.columns.len() < MAX_COLUMNS {
+            self.columns.push(Column {
+                name: Arc::clone(&feature.name),
+                unit: feature.unit,
+                values: self.time_s.iter().map(|_| f64::NAN).collect(),
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::signal::ChannelIndex;
+
+    fn window(names_values: &[(&str, f64)]) -> ChannelFeatures {
+        let values = names_values
+            .iter()
+            .map(|&(name, value)| Feature { name: name.into(), value, unit: Unit::One })
+            .collect();
+        ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values }
+    }
+
+    #[test]
+    fn columns_stay_as_long_as_time() {
+        let mut store = TrendStore::default();
+        store.push(5.0, &window(&[("rms", 1.0)]));
+        store.push(10.0, &window(&[("rms", 2.0), ("crest", 3.0)]));
+        store.push(15.0, &window(&[("crest", 4.0)]));
+        let trend = store.copy();
+        assert_eq!(trend.time_s, [5.0, 10.0, 15.0]);
+        let [(rms, _, rms_values), (crest, _, crest_values)] = &trend.columns[..] else {
+            panic!("two columns")
+        };
+        assert_eq!((rms.as_str(), crest.as_str()), ("rms", "crest"));
+        assert_eq!(rms_values[..2], [1.0, 2.0]);
+        assert!(rms_values[2].is_nan() && crest_values[0].is_nan());
+        assert_eq!(crest_values[1..], [3.0, 4.0]);
+    }
+
+    #[test]
+    fn the_oldest_window_gives_way() {
+        let mut store = TrendStore::default();
+        for i in 0..MAX_POINTS + 10 {
+            store.push(i as f64, &window(&[("rms", i as f64)]));
+        }
+        let trend = store.copy();
+        assert_eq!(trend.time_s.len(), MAX_POINTS);
+        assert_eq!(trend.time_s[0], 10.0);
+        assert_eq!(trend.columns[0].2, trend.time_s);
+    }
+
+    #[test]
+    fn the_number_of_columns_is_bounded() {
+        let mut store = TrendStore::default();
+        for i in 0..2 * MAX_COLUMNS {
+            store.push(i as f64, &window(&[(&format!("f{i}"), 1.0)]));
+        }
+        assert_eq!(store.copy().columns.len(), MAX_COLUMNS);
+    }
+}

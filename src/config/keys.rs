@@ -1,0 +1,143 @@
+//! Every key of the configuration with what it may hold: the one table that the reader, the error
+//! messages, the environment and the reference are checked against.
+
+/// What a key may hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kind {
+    /// A string.
+    Text,
+    /// A list of strings.
+    Texts,
+    /// `true` or `false`.
+    Flag,
+    /// A whole number in a range, both ends allowed.
+    Whole(u64, u64),
+    /// A number in a range, both ends allowed.
+    Number(f64, f64),
+    /// A number above 0, or `"max"`.
+    Speed,
+}
+
+/// One key.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Key {
+    /// Section it stands in.
+    pub section: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// What it may hold.
+    pub kind: Kind,
+}
+
+/// Sections that stand once.
+pub const SECTIONS: &[&str] = &["server", "store", "pipeline", "alarms"];
+
+/// Sections that may be repeated, as `[[machine]]`.
+pub const LISTS: &[&str] = &["machine", "source"];
+
+/// Most bytes a limit may state: 2⁵³, beyond which a number in JSON is no longer exact.
+const MAX_BYTES: u64 = 1 << 53;
+
+/// Every key.
+pub const KEYS: &[Key] = &[
+    key("server", "bind", Kind::Text),
+    key("store", "directory", Kind::Text),
+    key("store", "max_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
+    key("pipeline", "workers", Kind::Whole(0, 256)),
+    key("pipeline", "ring_seconds", Kind::Number(1.0, 3_600.0)),
+    key("pipeline", "memory_limit_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
+    key("pipeline", "window_seconds", Kind::Number(1.0, 600.0)),
+    key("pipeline", "hop_seconds", Kind::Number(0.5, 600.0)),
+    key("alarms", "on_delay_s", Kind::Number(0.0, 86_400.0)),
+    key("alarms", "off_delay_s", Kind::Number(0.0, 86_400.0)),
+    key("alarms", "history_len", Kind::Whole(1, 100_000)),
+    key("machine", "file", Kind::Text),
+    key("machine", "baseline", Kind::Texts),
+    key("source", "kind", Kind::Text),
+    key("source", "machine", Kind::Text),
+    key("source", "file", Kind::Text),
+    key("source", "speed", Kind::Speed),
+    key("source", "loop", Kind::Flag),
+];
+
+const fn key(section: &'static str, name: &'static str, kind: Kind) -> Key {
+    Key { section, name, kind }
+}
+
+/// Finds a key.
+#[must_use]
+pub fn find(section: &str, name: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.section == section && key.name == name)
+}
+
+/// Names of a section's keys, for messages.
+#[must_use]
+pub fn names_of(section: &str) -> String {
+    let names: Vec<_> =
+        KEYS.iter().filter(|key| key.section == section).map(|key| key.name).collect();
+    names.join(", ")
+}
+
+impl Key {
+    /// Environment variable that overrides the key; `None` inside the repeated sections.
+    #[must_use]
+    pub fn variable(&self) -> Option<String> {
+        SECTIONS
+            .contains(&self.section)
+            .then(|| format!("ROTORWATCH__{}__{}", self.section, self.name).to_uppercase())
+    }
+
+    /// Checks a value read from the file.
+    ///
+    /// # Errors
+    /// What is allowed and what was found, as one clause.
+    pub fn check(&self, value: &toml::Value) -> Result<(), String> {
+        let fits = match self.kind {
+            Kind::Text => value.is_str(),
+            Kind::Flag => value.is_bool(),
+            Kind::Texts => value.as_array().is_some_and(|list| list.iter().all(|v| v.is_str())),
+            Kind::Whole(low, high) => value
+                .as_integer()
+                .and_then(|n| u64::try_from(n).ok())
+                .is_some_and(|n| (low..=high).contains(&n)),
+            Kind::Number(low, high) => number(value).is_some_and(|x| (low..=high).contains(&x)),
+            Kind::Speed => {
+                value.as_str() == Some("max")
+                    || number(value).is_some_and(|x| x > 0.0 && x.is_finite())
+            }
+        };
+        if fits { Ok(()) } else { Err(format!("{value} is not {}", self.allowed())) }
+    }
+
+    /// Checks a value read from the environment.
+    ///
+    /// # Errors
+    /// What is allowed and what was found, as one clause.
+    pub fn check_text(&self, text: &str) -> Result<(), String> {
+        let value = match self.kind {
+            Kind::Text | Kind::Texts | Kind::Speed => None,
+            Kind::Flag => text.parse().ok().map(toml::Value::Boolean),
+            Kind::Whole(..) => text.parse().ok().map(toml::Value::Integer),
+            Kind::Number(..) => text.parse().ok().map(toml::Value::Float),
+        };
+        self.check(&value.unwrap_or_else(|| toml::Value::String(text.to_owned())))
+    }
+
+    /// What the key may hold, for messages.
+    #[must_use]
+    pub fn allowed(&self) -> String {
+        match self.kind {
+            Kind::Text => "a string".to_owned(),
+            Kind::Texts => "a list of strings".to_owned(),
+            Kind::Flag => "true or false".to_owned(),
+            Kind::Whole(low, high) => format!("a whole number from {low} to {high}"),
+            Kind::Number(low, high) => format!("a number from {low} to {high}"),
+            Kind::Speed => "\"max\" or a number above 0".to_owned(),
+        }
+    }
+}
+
+/// A number, written with or without a decimal point.
+fn number(value: &toml::Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|n| n as f64))
+}

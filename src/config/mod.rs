@@ -1,0 +1,157 @@
+//! Configuration of the daemon: raw TOML and environment → validated [`Config`].
+//!
+//! The file is first read alone, so that every mistake has its line and column and all of them are
+//! reported at once; then the environment is merged over it by the `config` crate. Past this
+//! module nothing is checked twice. Must not start anything.
+
+pub mod keys;
+mod scan;
+mod raw;
+mod resolve;
+mod machine_file;
+
+use crate::ingest::replay;
+use crate::machine::Machine;
+use crate::pipeline;
+use std::fmt;
+use std::fs;
+use std::net::Ipv4Addr;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// The commented reference of every key, printed by `serve --print-config`.
+pub const REFERENCE: &str = include_str!("../../config/default.toml");
+
+/// Shortest window worth judging, s.
+pub const MIN_WINDOW_S: f64 = 1.0;
+
+/// The validated configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// Where HTTP is served; a loopback address. Port 0: any free port.
+    pub bind: SocketAddr,
+    /// Where data will be kept.
+    pub store: Store,
+    /// Shard threads; 0: one fewer than there are cores, at least 1.
+    pub workers: usize,
+    /// Most bytes the rings and queues may need together.
+    pub memory_limit_bytes: u64,
+    /// How windows are laid and alarms raised.
+    pub monitor: pipeline::Settings,
+    /// The machines, each with its source.
+    pub machines: Vec<MachineConfig>,
+}
+
+/// Where data will be kept. Validated only: this version stores nothing on disk.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Store {
+    /// Folder.
+    pub directory: PathBuf,
+    /// Most bytes in it.
+    pub max_bytes: u64,
+}
+
+/// One machine to be monitored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MachineConfig {
+    /// The machine file.
+    pub file: PathBuf,
+    /// What it says.
+    pub machine: Arc<Machine>,
+    /// Healthy captures of the same machine.
+    pub baseline: Vec<PathBuf>,
+    /// Where its samples come from.
+    pub source: SourceConfig,
+}
+
+/// Where samples come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SourceConfig {
+    /// A capture, played back.
+    Replay(replay::Settings),
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
+            store: Store { directory: PathBuf::from("data"), max_bytes: 20_000_000_000 },
+            workers: 0,
+            memory_limit_bytes: 2_000_000_000,
+            monitor: pipeline::Settings::default(),
+            machines: Vec::new(),
+        }
+    }
+}
+
+/// One mistake in the configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// Where: `file:line:column`, `file` or `environment`.
+    pub place: String,
+    /// What was found, what is allowed.
+    pub message: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.place, self.message)
+    }
+}
+
+/// Why a configuration was refused: every mistake found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigErrors(pub Vec<Problem>);
+
+impl fmt::Display for ConfigErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.0.iter().enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(f, "{separator}{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ConfigErrors {}
+
+/// Reads and validates the configuration file at `path` with the process's environment over it.
+///
+/// # Errors
+/// With every mistake found, each with its place.
+pub fn load(path: &Path) -> Result<Config, ConfigErrors> {
+    load_with(path, std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v))))
+}
+
+/// Reads and validates the configuration file at `path` with `environment` over it.
+///
+/// # Errors
+/// With every mistake found, each with its place.
+pub fn load_with(
+    path: &Path,
+    environment: impl IntoIterator<Item = (String, std::ffi::OsString)>,
+) -> Result<Config, ConfigErrors> {
+    let text = fs::read_to_string(path).map_err(|error| {
+        ConfigErrors(vec![Problem {
+            place: path.display().to_string(),
+            message: format!("the configuration cannot be read: {error}"),
+        }])
+    })?;
+    let mut scan = scan::file(path, &text)?;
+    let variables = scan::environment(environment, &mut scan.problems);
+    let merged = match raw::merge(&scan.values, &variables) {
+        Ok(merged) => merged,
+        Err(problem) => {
+            scan.problems.push(problem);
+            return Err(ConfigErrors(scan.problems));
+        }
+    };
+    let base = path.parent().unwrap_or(Path::new(""));
+    let config = resolve::config(merged, base, &mut scan, &variables);
+    if scan.problems.is_empty() { Ok(config) } else { Err(ConfigErrors(scan.problems)) }
+}
+
+#[cfg(test)]
+mod tests;

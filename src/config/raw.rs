@@ -1,0 +1,113 @@
+//! The configuration as written, file and environment merged; every key optional, none trusted.
+
+use super::Problem;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// The whole.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Raw {
+    pub(super) server: Server,
+    pub(super) store: Store,
+    pub(super) pipeline: Pipeline,
+    pub(super) alarms: Alarms,
+    pub(super) machine: Vec<Machine>,
+    pub(super) source: Vec<Source>,
+}
+
+/// `[server]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Server {
+    pub(super) bind: Option<String>,
+}
+
+/// `[store]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Store {
+    pub(super) directory: Option<String>,
+    pub(super) max_bytes: Option<u64>,
+}
+
+/// `[pipeline]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Pipeline {
+    pub(super) workers: Option<usize>,
+    pub(super) ring_seconds: Option<f64>,
+    pub(super) memory_limit_bytes: Option<u64>,
+    pub(super) window_seconds: Option<f64>,
+    pub(super) hop_seconds: Option<f64>,
+}
+
+/// `[alarms]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Alarms {
+    pub(super) on_delay_s: Option<f64>,
+    pub(super) off_delay_s: Option<f64>,
+    pub(super) history_len: Option<usize>,
+}
+
+/// `[[machine]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Machine {
+    pub(super) file: Option<String>,
+    pub(super) baseline: Vec<String>,
+}
+
+/// `[[source]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Source {
+    pub(super) kind: Option<String>,
+    pub(super) machine: Option<String>,
+    pub(super) file: Option<String>,
+    pub(super) speed: Option<Speed>,
+    pub(super) r#loop: Option<bool>,
+}
+
+/// `"max"` or a number.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(untagged)]
+pub(super) enum Speed {
+    Factor(f64),
+    Word(SpeedWord),
+}
+
+/// Speeds that have a name.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum SpeedWord {
+    Max,
+}
+
+/// Lays the environment over the file's values.
+///
+/// # Errors
+/// When a value does not have its key's type, which the scan before should have found.
+pub(super) fn merge(
+    file: &toml::Table,
+    variables: &BTreeMap<String, String>,
+) -> Result<Raw, Problem> {
+    let environment = config::Environment::with_prefix("ROTORWATCH")
+        .prefix_separator("__")
+        .separator("__")
+        .source(Some(variables.iter().map(|(k, v)| (k.clone(), v.clone())).collect()));
+    let failed = |path: String, error: &dyn std::fmt::Display| Problem {
+        place: "configuration".to_owned(),
+        message: format!("{path}: {error}"),
+    };
+    // As text: `config::Config::try_from` drops list items whose tables are empty.
+    let text = toml::to_string(file).map_err(|error| failed("file".to_owned(), &error))?;
+    let merged = config::Config::builder()
+        .add_source(config::File::from_str(&text, config::FileFormat::Toml))
+        .add_source(environment)
+        .build();
+    let merged = merged.map_err(|error| failed("merge".to_owned(), &error))?;
+    serde_path_to_error::deserialize(merged)
+        .map_err(|error| failed(error.path().to_string(), error.inner()))
+}

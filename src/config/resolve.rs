@@ -1,0 +1,285 @@
+//! Raw → validated: what no single key can tell (references, files, relations between keys).
+
+use super::Config;
+use super::MachineConfig;
+use super::SourceConfig;
+use super::Store;
+use super::keys;
+use super::machine_file;
+use super::raw;
+use super::raw::Raw;
+use super::scan::Scan;
+use crate::alarms;
+use crate::ingest::replay;
+use crate::machine::Machine;
+use crate::pipeline;
+use std::collections::BTreeMap;
+use std::fs;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Source kinds of the contract that this version does not have yet.
+const LATER_KINDS: &[&str] = &["simulated", "tcp", "mqtt"];
+
+/// Makes the configuration; mistakes go to `scan`, with defaults in their place.
+pub(super) fn config(
+    raw: Raw,
+    base: &Path,
+    scan: &mut Scan,
+    variables: &BTreeMap<String, String>,
+) -> Config {
+    let default = Config::default();
+    let mut resolver = Resolver { base, scan, variables };
+    Config {
+        bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
+        store: Store {
+            directory: base
+                .join(raw.store.directory.map_or(default.store.directory, PathBuf::from)),
+            max_bytes: raw.store.max_bytes.unwrap_or(default.store.max_bytes),
+        },
+        workers: raw.pipeline.workers.unwrap_or(default.workers),
+        memory_limit_bytes: raw.pipeline.memory_limit_bytes.unwrap_or(default.memory_limit_bytes),
+        monitor: resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
+        machines: resolver.machines(raw.machine, raw.source),
+    }
+}
+
+/// What the steps share.
+struct Resolver<'a> {
+    /// Folder that relative paths start from.
+    base: &'a Path,
+    /// The file's places, and the mistakes so far.
+    scan: &'a mut Scan,
+    /// Variables that override keys.
+    variables: &'a BTreeMap<String, String>,
+}
+
+impl Resolver<'_> {
+    /// Notes a mistake where the value came from: the environment, else the file.
+    fn report(&mut self, path: &str, message: String) {
+        let variable = path
+            .split_once('.')
+            .and_then(|(section, name)| keys::find(section, name)?.variable())
+            .filter(|variable| self.variables.contains_key(variable));
+        match variable {
+            Some(variable) => self.scan.problems.push(super::Problem {
+                place: "environment".to_owned(),
+                message: format!("{variable}: {message}"),
+            }),
+            None => self.scan.report(path, message),
+        }
+    }
+
+    fn bind(&mut self, text: Option<String>) -> Option<SocketAddr> {
+        let text = text?;
+        let Ok(address) = text.parse::<SocketAddr>() else {
+            self.report(
+                "server.bind",
+                format!("{text:?} is not an address with port, such as \"127.0.0.1:8080\""),
+            );
+            return None;
+        };
+        if !address.ip().is_loopback() {
+            self.report(
+                "server.bind",
+                format!(
+                    "{address} can be reached from other hosts, and this version has no access \
+                     tokens: bind 127.0.0.1 or [::1] and let a reverse proxy with authentication \
+                     forward to it"
+                ),
+            );
+        }
+        Some(address)
+    }
+
+    fn monitor(
+        &mut self,
+        raw: &raw::Pipeline,
+        alarms: &raw::Alarms,
+        default: pipeline::Settings,
+    ) -> pipeline::Settings {
+        let settings = pipeline::Settings {
+            window_s: raw.window_seconds.unwrap_or(default.window_s),
+            hop_s: raw.hop_seconds.unwrap_or(default.hop_s),
+            ring_s: raw.ring_seconds.unwrap_or(default.ring_s),
+            alarms: alarm_settings(alarms, &default.alarms),
+            ..default
+        };
+        if settings.hop_s > settings.window_s {
+            let message = format!(
+                "{} s is longer than window_seconds ({} s): samples between windows would never \
+                 be judged",
+                settings.hop_s, settings.window_s
+            );
+            self.report("pipeline.hop_seconds", message);
+        }
+        if settings.ring_s < settings.window_s + settings.hop_s {
+            let message = format!(
+                "{} s is too short: a window of {} s and a hop of {} s need {} s",
+                settings.ring_s,
+                settings.window_s,
+                settings.hop_s,
+                settings.window_s + settings.hop_s
+            );
+            self.report("pipeline.ring_seconds", message);
+        }
+        settings
+    }
+
+    fn machines(
+        &mut self,
+        machines: Vec<raw::Machine>,
+        sources: Vec<raw::Source>,
+    ) -> Vec<MachineConfig> {
+        let machines = self.read_machines(machines);
+        let mut sources = self.sources(sources, &machines);
+        let mut complete = Vec::new();
+        for read in machines {
+            match sources.remove(&read.machine.id) {
+                Some(source) => complete.extend(source.map(|source| MachineConfig {
+                    file: read.file,
+                    machine: read.machine,
+                    baseline: read.baseline,
+                    source,
+                })),
+                None => self.report(
+                    &read.path,
+                    format!(
+                        "machine {id:?} has no source: add a [[source]] with machine = {id:?}",
+                        id = read.machine.id
+                    ),
+                ),
+            }
+        }
+        complete
+    }
+
+    /// Reads the machine files; machines that cannot be read are left out and reported.
+    fn read_machines(&mut self, raw: Vec<raw::Machine>) -> Vec<ReadMachine> {
+        let mut machines: Vec<ReadMachine> = Vec::new();
+        for (i, entry) in raw.into_iter().enumerate() {
+            let path = format!("machine[{i}]");
+            let baseline = self.files(&format!("{path}.baseline"), entry.baseline);
+            let Some(file) = self.required(&path, "file", entry.file) else { continue };
+            let file = self.base.join(file);
+            let Some(machine) = self.machine(&format!("{path}.file"), &file) else { continue };
+            if machines.iter().any(|other| other.machine.id == machine.id) {
+                let message = format!("machine id {:?} is already used above", machine.id);
+                self.report(&format!("{path}.file"), message);
+                continue;
+            }
+            machines.push(ReadMachine { path, file, machine: Arc::new(machine), baseline });
+        }
+        machines
+    }
+
+    fn machine(&mut self, path: &str, file: &Path) -> Option<Machine> {
+        let text = match fs::read_to_string(file) {
+            Ok(text) => text,
+            Err(error) => {
+                self.report(path, format!("{} cannot be read: {error}", file.display()));
+                return None;
+            }
+        };
+        match machine_file::parse(&text) {
+            Ok(machine) => Some(machine),
+            Err(messages) => {
+                let place = file.display().to_string();
+                self.scan.problems.extend(
+                    messages
+                        .into_iter()
+                        .map(|message| super::Problem { place: place.clone(), message }),
+                );
+                None
+            }
+        }
+    }
+
+    /// Gives the source of each machine id; `None` for one that was reported.
+    fn sources(
+        &mut self,
+        raw: Vec<raw::Source>,
+        machines: &[ReadMachine],
+    ) -> BTreeMap<String, Option<SourceConfig>> {
+        let mut sources = BTreeMap::new();
+        for (i, entry) in raw.into_iter().enumerate() {
+            let path = format!("source[{i}]");
+            let machine = self.required(&path, "machine", entry.machine.clone());
+            let source = self.source(&path, entry);
+            let Some(machine) = machine else { continue };
+            if !machines.iter().any(|known| known.machine.id == machine) {
+                let known: Vec<_> = machines.iter().map(|m| m.machine.id.as_str()).collect();
+                let message =
+                    format!("no machine has the id {machine:?}, known: {}", known.join(", "));
+                self.report(&format!("{path}.machine"), message);
+            } else if sources.contains_key(&machine) {
+                let message = format!("machine {machine:?} already has a source, one is allowed");
+                self.report(&format!("{path}.machine"), message);
+            } else {
+                sources.insert(machine, source);
+            }
+        }
+        sources
+    }
+
+    fn source(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
+        let kind = self.required(path, "kind", raw.kind)?;
+        if kind != "replay" {
+            let why = if LATER_KINDS.contains(&kind.as_str()) {
+                "is not available in this version"
+            } else {
+                "is no kind of source"
+            };
+            self.report(&format!("{path}.kind"), format!("{kind:?} {why}, allowed: \"replay\""));
+            return None;
+        }
+        let file = self.required(path, "file", raw.file)?;
+        let file = self.files(&format!("{path}.file"), vec![file]).pop()?;
+        let speed = match raw.speed {
+            Some(raw::Speed::Factor(factor)) => replay::Speed::Times(factor),
+            Some(raw::Speed::Word(raw::SpeedWord::Max)) | None => replay::Speed::Max,
+        };
+        Some(SourceConfig::Replay(replay::Settings {
+            file,
+            speed,
+            repeat: raw.r#loop.unwrap_or(false),
+        }))
+    }
+
+    /// Resolves paths and reports those that are no files.
+    fn files(&mut self, path: &str, names: Vec<String>) -> Vec<PathBuf> {
+        let files: Vec<_> = names.iter().map(|name| self.base.join(name)).collect();
+        for file in files.iter().filter(|file| !file.is_file()) {
+            self.report(path, format!("there is no file {}", file.display()));
+        }
+        files.into_iter().filter(|file| file.is_file()).collect()
+    }
+
+    /// Reports a key that is missing, unless it is there and was reported as wrong.
+    fn required(&mut self, path: &str, name: &str, value: Option<String>) -> Option<String> {
+        if value.is_none() && !self.scan.has(&format!("{path}.{name}")) {
+            self.report(path, format!("the key {name:?} is missing"));
+        }
+        value
+    }
+}
+
+/// A machine file that was read.
+struct ReadMachine {
+    /// Path of its entry, for messages.
+    path: String,
+    file: PathBuf,
+    machine: Arc<Machine>,
+    baseline: Vec<PathBuf>,
+}
+
+/// Fills the alarm engine's settings.
+fn alarm_settings(raw: &raw::Alarms, default: &alarms::Settings) -> alarms::Settings {
+    alarms::Settings {
+        on_delay_s: raw.on_delay_s.unwrap_or(default.on_delay_s),
+        off_delay_s: raw.off_delay_s.unwrap_or(default.off_delay_s),
+        history_len: raw.history_len.unwrap_or(default.history_len),
+    }
+}

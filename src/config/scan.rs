@@ -1,0 +1,195 @@
+//! The file and the environment key by key: places, unknown keys, wrong types, ranges.
+
+use super::ConfigErrors;
+use super::Problem;
+use super::keys;
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::Path;
+use toml::de::DeTable;
+use toml::de::DeValue;
+
+/// Environment variables with this beginning are ours.
+const PREFIX: &str = "ROTORWATCH__";
+
+/// A file read key by key.
+#[derive(Debug)]
+pub(super) struct Scan {
+    /// Name of the file, for messages.
+    file: String,
+    /// Byte offset of every key present, by path (`pipeline.workers`, `machine[0].file`).
+    offsets: BTreeMap<String, usize>,
+    /// Byte offsets at which lines begin.
+    lines: Vec<usize>,
+    /// The values that passed.
+    pub(super) values: toml::Table,
+    /// What did not.
+    pub(super) problems: Vec<Problem>,
+}
+
+impl Scan {
+    /// Whether the file has this key, right or wrong.
+    pub(super) fn has(&self, path: &str) -> bool {
+        self.offsets.contains_key(path)
+    }
+
+    /// Notes a mistake at a key, or at the nearest section around it that is present.
+    pub(super) fn report(&mut self, path: &str, message: String) {
+        let nearest = std::iter::successors(Some(path), |p| p.rfind('.').map(|dot| &p[..dot]))
+            .find_map(|p| self.offsets.get(p));
+        let place = match nearest {
+            Some(&offset) => self.place(offset),
+            None => self.file.clone(),
+        };
+        self.problems.push(Problem { place, message: format!("{path}: {message}") });
+    }
+
+    /// `file:line:column` of a byte offset, counted from 1.
+    fn place(&self, offset: usize) -> String {
+        let line = self.lines.partition_point(|&start| start <= offset);
+        let column = offset - self.lines[line.saturating_sub(1)] + 1;
+        format!("{}:{line}:{column}", self.file)
+    }
+}
+
+/// Reads a file's text.
+///
+/// # Errors
+/// When the text is not TOML; every other mistake goes to [`Scan::problems`].
+pub(super) fn file(path: &Path, text: &str) -> Result<Scan, ConfigErrors> {
+    let mut scan = Scan {
+        file: path.display().to_string(),
+        offsets: BTreeMap::new(),
+        lines: std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect(),
+        values: toml::Table::new(),
+        problems: Vec::new(),
+    };
+    let (tree, errors) = DeTable::parse_recoverable(text);
+    let table: Result<toml::Table, _> = toml::from_str(text);
+    if errors.is_empty()
+        && let Ok(table) = table
+    {
+        note_offsets(tree.get_ref(), "", &mut scan.offsets);
+        check_sections(table, &mut scan);
+        return Ok(scan);
+    }
+    let first_only = table.err().filter(|_| errors.is_empty());
+    let problems = errors.iter().chain(&first_only).map(|error| Problem {
+        place: scan.place(error.span().map_or(0, |span| span.start)),
+        message: error.message().to_owned(),
+    });
+    Err(ConfigErrors(problems.collect()))
+}
+
+/// Picks our variables out of the environment, checks them, and gives those that passed.
+pub(super) fn environment(
+    variables: impl IntoIterator<Item = (String, OsString)>,
+    problems: &mut Vec<Problem>,
+) -> BTreeMap<String, String> {
+    let mut passed = BTreeMap::new();
+    for (name, value) in variables {
+        let upper = name.to_uppercase();
+        let Some(rest) = upper.strip_prefix(PREFIX) else { continue };
+        let path = rest.to_lowercase();
+        let key = path.split_once("__").and_then(|(section, key)| keys::find(section, key));
+        let checked = match (key.filter(|key| key.variable().is_some()), value.to_str()) {
+            (Some(key), Some(text)) => key.check_text(text),
+            (Some(_), None) => Err("the value is not UTF-8".to_owned()),
+            (None, _) => Err(format!(
+                "no such setting: allowed are {}; machines and sources are set in the file",
+                variable_names()
+            )),
+        };
+        match (checked, value.into_string()) {
+            (Ok(()), Ok(text)) => {
+                passed.insert(upper, text);
+            }
+            (Err(message), _) => problems.push(Problem {
+                place: "environment".to_owned(),
+                message: format!("{name}: {message}"),
+            }),
+            (Ok(()), Err(_)) => {} // check_text saw it as UTF-8
+        }
+    }
+    passed
+}
+
+fn variable_names() -> String {
+    keys::KEYS.iter().filter_map(keys::Key::variable).collect::<Vec<_>>().join(", ")
+}
+
+/// Notes where each key of sections and of the tables in lists begins.
+fn note_offsets(table: &DeTable<'_>, prefix: &str, offsets: &mut BTreeMap<String, usize>) {
+    for (key, value) in table {
+        let path = format!("{prefix}{}", key.get_ref());
+        offsets.insert(path.clone(), key.span().start);
+        match value.get_ref() {
+            DeValue::Table(inner) => note_offsets(inner, &format!("{path}."), offsets),
+            DeValue::Array(items) => {
+                for (i, item) in items.iter().enumerate() {
+                    offsets.insert(format!("{path}[{i}]"), item.span().start);
+                    if let DeValue::Table(inner) = item.get_ref() {
+                        note_offsets(inner, &format!("{path}[{i}]."), offsets);
+                    }
+                }
+            }
+            DeValue::String(_)
+            | DeValue::Integer(_)
+            | DeValue::Float(_)
+            | DeValue::Boolean(_)
+            | DeValue::Datetime(_) => {}
+        }
+    }
+}
+
+/// Checks every section; what passed goes to `scan.values`.
+fn check_sections(table: toml::Table, scan: &mut Scan) {
+    for (section, value) in table {
+        let is_single = keys::SECTIONS.contains(&section.as_str());
+        let is_list = keys::LISTS.contains(&section.as_str());
+        match value {
+            toml::Value::Table(entries) if is_single => {
+                let entries = check_entries(&section, &section, entries, scan);
+                scan.values.insert(section, toml::Value::Table(entries));
+            }
+            toml::Value::Array(items) if is_list && items.iter().all(toml::Value::is_table) => {
+                let items = items.into_iter().enumerate().filter_map(|(i, item)| match item {
+                    toml::Value::Table(entries) => Some(toml::Value::Table(check_entries(
+                        &section,
+                        &format!("{section}[{i}]"),
+                        entries,
+                        scan,
+                    ))),
+                    _ => None,
+                });
+                let items = items.collect();
+                scan.values.insert(section, toml::Value::Array(items));
+            }
+            _ if is_single => scan.report(&section, format!("write it as [{section}]")),
+            _ if is_list => scan.report(&section, format!("write each one as [[{section}]]")),
+            _ => {
+                let allowed = [keys::SECTIONS, keys::LISTS].concat().join(", ");
+                scan.report(&section, format!("unknown key, allowed here: {allowed}"));
+            }
+        }
+    }
+}
+
+/// Checks the keys of one section and keeps those that passed.
+fn check_entries(section: &str, path: &str, entries: toml::Table, scan: &mut Scan) -> toml::Table {
+    let mut passed = toml::Table::new();
+    for (name, value) in entries {
+        let place = format!("{path}.{name}");
+        match keys::find(section, &name).map(|key| key.check(&value)) {
+            Some(Ok(())) => {
+                passed.insert(name, value);
+            }
+            Some(Err(message)) => scan.report(&place, message),
+            None => {
+                let message = format!("unknown key, allowed here: {}", keys::names_of(section));
+                scan.report(&place, message);
+            }
+        }
+    }
+    passed
+}

@@ -1,0 +1,189 @@
+//! Every mistake is reported at its place, and the reference tells the truth.
+
+use super::*;
+use std::ffi::OsString;
+use tempfile::TempDir;
+
+const MACHINE: &str =
+    "[machine]\nid = \"rig-1\"\nname = \"Rig\"\n[[shaft]]\nid = \"main\"\nspeed_hz = 10.0\n";
+
+/// A folder with `rig.toml`, `x.h5` and the configuration.
+fn folder(config: &str) -> TempDir {
+    let dir = TempDir::new().unwrap();
+    fs::write(dir.path().join("rig.toml"), MACHINE).unwrap();
+    fs::write(dir.path().join("x.h5"), "").unwrap();
+    fs::write(dir.path().join("serve.toml"), config).unwrap();
+    dir
+}
+
+fn load_text(config: &str, environment: &[(&str, &str)]) -> Result<Config, ConfigErrors> {
+    let dir = folder(config);
+    load_with(
+        &dir.path().join("serve.toml"),
+        environment.iter().map(|(k, v)| ((*k).to_owned(), OsString::from(v))),
+    )
+}
+
+/// The mistakes, with `file:` cut to the file's name.
+fn mistakes(config: &str, environment: &[(&str, &str)]) -> Vec<String> {
+    let errors = load_text(config, environment).unwrap_err();
+    let line = |p: &Problem| p.to_string().rsplit("serve.toml:").next().unwrap().to_owned();
+    errors.0.iter().map(line).collect()
+}
+
+const RIG: &str = r#"
+[[machine]]
+file = "rig.toml"
+[[source]]
+kind = "replay"
+machine = "rig-1"
+file = "x.h5"
+"#;
+
+#[test]
+fn the_reference_parses_to_the_defaults() {
+    let dir = folder(REFERENCE);
+    let config = load_with(&dir.path().join("serve.toml"), []).unwrap();
+    let store = Store { directory: dir.path().join("data"), max_bytes: 20_000_000_000 };
+    assert_eq!(config, Config { store, ..Config::default() });
+}
+
+#[test]
+fn the_reference_names_every_key_its_range_and_its_variable() {
+    for key in keys::KEYS {
+        let name = &key.name;
+        let assigned = REFERENCE
+            .lines()
+            .find(|line| line.trim_start_matches("# ").starts_with(&format!("{name} = ")));
+        assert!(assigned.is_some(), "{name}");
+        let Some(variable) = key.variable() else { continue };
+        let at = REFERENCE.find(&format!("# {variable}\n{name} = ")).expect(&variable);
+        let comment = REFERENCE[..at].rsplit("\n\n").next().unwrap();
+        let comment = comment.rsplit("\nROTORWATCH").next().unwrap().replace("\n# ", " ");
+        let range = match key.kind {
+            keys::Kind::Whole(low, high) => format!("{low} to {high}"),
+            keys::Kind::Number(low, high) => format!("{low} to {high}"),
+            keys::Kind::Text | keys::Kind::Texts | keys::Kind::Flag | keys::Kind::Speed => continue,
+        };
+        assert!(comment.contains(&range), "{name}: {range} is not in: {comment}");
+    }
+}
+
+#[test]
+fn a_complete_configuration_is_read() {
+    let text = format!(
+        "[pipeline]\nworkers = 2\nwindow_seconds = 4\nhop_seconds = 2\n{RIG}speed = 2.5\nloop = true\n"
+    );
+    let dir = folder(&text);
+    let config = load_with(&dir.path().join("serve.toml"), []).unwrap();
+    assert_eq!(config.workers, 2);
+    assert_eq!((config.monitor.window_s, config.monitor.hop_s), (4.0, 2.0));
+    let [machine] = &config.machines[..] else { panic!("one machine") };
+    assert_eq!(machine.machine.id, "rig-1");
+    let file = dir.path().join("x.h5");
+    let speed = replay::Speed::Times(2.5);
+    assert_eq!(
+        machine.source,
+        SourceConfig::Replay(replay::Settings { file, speed, repeat: true })
+    );
+}
+
+#[test]
+fn all_mistakes_are_reported_at_their_places() {
+    let text = r#"
+[server]
+bind = "0.0.0.0:8080"
+port = 8080
+[pipeline]
+workers = -1
+hop_seconds = 20
+window_seconds = "long"
+[alarm]
+[[machine]]
+file = "rig.toml"
+baseline = ["healthy.h5"]
+[[source]]
+kind = "mqtt"
+machine = "rig-2"
+speed = "fast"
+"#;
+    let expected = [
+        "4:1: server.port: unknown key, allowed here: bind",
+        "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
+        "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
+        "9:2: alarm: unknown key, allowed here: server, store, pipeline, alarms, machine, source",
+        "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
+        "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
+        "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
+        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\"",
+        "15:1: source[0].machine: no machine has the id \"rig-2\", known: rig-1",
+        "12:1: machine[0].baseline: there is no file",
+        "10:1: machine[0]: machine \"rig-1\" has no source",
+    ];
+    let found = mistakes(text, &[]);
+    for expected in expected {
+        assert!(found.iter().any(|m| m.starts_with(expected)), "{expected}\nnot in {found:#?}");
+    }
+    assert_eq!(found.len(), expected.len(), "{found:#?}");
+}
+
+#[test]
+fn every_syntax_error_has_its_place() {
+    let found = mistakes("[server]\nbind = \n[store]\nmax_bytes = 1x\n", &[]);
+    assert!(found[0].starts_with("2:"), "{found:#?}");
+    assert!(found.iter().any(|m| m.starts_with("4:")), "{found:#?}");
+}
+
+#[test]
+fn the_environment_overrides_the_file() {
+    let config = load_text(
+        &format!("[server]\nbind = \"127.0.0.1:1\"\n{RIG}"),
+        &[
+            ("ROTORWATCH__SERVER__BIND", "127.0.0.1:0"),
+            ("ROTORWATCH__PIPELINE__WORKERS", "3"),
+            ("ROTORWATCH__PIPELINE__RING_SECONDS", "45.5"),
+            ("ROTORWATCH__STORE__DIRECTORY", "7"), // a text that looks like a number
+            ("ROTORWATCH_LOG", "debug"),           // another variable, not a key
+        ],
+    )
+    .unwrap();
+    assert_eq!(config.bind.port(), 0);
+    assert_eq!((config.workers, config.monitor.ring_s), (3, 45.5));
+    assert!(config.store.directory.ends_with("7"));
+}
+
+#[test]
+fn mistakes_in_the_environment_name_the_variable() {
+    let found = mistakes(
+        RIG,
+        &[
+            ("ROTORWATCH__PIPELINE__WORKERS", "many"),
+            ("ROTORWATCH__PIPELINE__WORKER", "1"),
+            ("ROTORWATCH__MACHINE__FILE", "x"),
+            ("ROTORWATCH__SERVER__BIND", "192.0.2.1:80"),
+        ],
+    );
+    assert_eq!(found.len(), 4, "{found:#?}");
+    assert!(found[0].contains("PIPELINE__WORKERS: \"many\" is not a whole number"), "{found:#?}");
+    assert!(found[1].contains("PIPELINE__WORKER: no such setting"), "{found:#?}");
+    assert!(found[2].contains("MACHINE__FILE: no such setting"), "{found:#?}");
+    assert!(found[3].starts_with("environment: ROTORWATCH__SERVER__BIND: 192"), "{found:#?}");
+}
+
+#[test]
+fn one_source_a_machine() {
+    let twice =
+        format!("{RIG}[[source]]\nkind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\n");
+    assert!(mistakes(&twice, &[])[0].contains("already has a source"));
+    let same_id = format!("{RIG}[[machine]]\nfile = \"rig.toml\"\n");
+    assert!(mistakes(&same_id, &[])[0].contains("\"rig-1\" is already used"));
+    let absent = "[[machine]]\nbaseline = []\n[[source]]\nkind = \"replay\"\n";
+    let found = mistakes(absent, &[]);
+    assert_eq!(found.len(), 3, "{found:#?}"); // machine.file, source.machine, source.file
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let error = load_with(Path::new("/nonexistent/serve.toml"), []).unwrap_err();
+    assert!(error.to_string().contains("/nonexistent/serve.toml"), "{error}");
+}

@@ -1,0 +1,354 @@
+//! From component verdicts to the document: the whole state, and several windows made one.
+//!
+//! A capture of several windows or segments has the state of its last 5 % of windows (at least 3):
+//! a component is accused when more than half of them accuse it.
+
+use super::Context;
+use super::fault::ComponentKind;
+use super::fault::FaultMode;
+use super::fault::State;
+use super::sensor;
+use super::verdict::BaselineUse;
+use super::verdict::ComponentDiagnosis;
+use super::verdict::Coverage;
+use super::verdict::DataQuality;
+use super::verdict::Diagnosis;
+use super::verdict::OperatingState;
+use super::verdict::Timeline;
+use crate::features::WindowFeatures;
+use crate::features::speed::SpeedSource;
+use crate::units::Hz;
+
+/// A speed that changes by more than this within a window smears the lines of the fifth shaft
+/// harmonic over tens of cells; such a window is transient.
+const TRANSIENT_EXCURSION: f64 = 0.01;
+
+/// Part of a capture's windows that gives its state, and the fewest of them.
+const LAST_PART: f64 = 0.05;
+const FEWEST_WINDOWS: usize = 3;
+
+/// An accusation must persist over this many windows (or to the end) to date the first warning.
+const PERSISTENCE: usize = 3;
+
+/// One window, judged.
+#[derive(Debug, Clone)]
+pub struct Judged {
+    /// Start and end, s of stream time.
+    pub time_s: (f64, f64),
+    /// Verdicts.
+    pub components: Vec<ComponentDiagnosis>,
+    /// Speed of the first shaft.
+    pub speed: Option<Hz>,
+    /// Its source.
+    pub speed_source: Option<SpeedSource>,
+    /// 0…1.
+    pub speed_confidence: f64,
+    /// Speeds of all shafts.
+    pub shaft_speeds: Vec<(String, Hz)>,
+    /// Whether the machine ran.
+    pub operating_state: OperatingState,
+    /// Sensor health.
+    pub data_quality: DataQuality,
+    /// Ranges used by channel.
+    pub sample_ranges: Vec<(String, u64, u64)>,
+    /// Notes on the speed.
+    pub notes: Vec<String>,
+    /// Baselines offered at this window's speed.
+    pub baselines: Vec<BaselineUse>,
+}
+
+/// Judges a window.
+#[must_use]
+pub fn judge_window(
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    baselines: Vec<BaselineUse>,
+) -> Judged {
+    let operating_state = operating_state(features, context);
+    let mut components = super::assess(features, context);
+    let blocked = match operating_state {
+        OperatingState::Stopped => Some("not running".to_owned()),
+        OperatingState::Transient => Some(format!(
+            "the speed changes by {:.1} % within the window",
+            100.0 * features.speed.excursion
+        )),
+        OperatingState::Running | OperatingState::Unknown => None,
+    };
+    if let Some(why) = blocked {
+        for component in components.iter_mut().filter(|c| c.kind != ComponentKind::Sensor) {
+            make_undetermined(component, &why);
+        }
+    }
+    let shaft_speeds = context
+        .machine
+        .shafts
+        .iter()
+        .filter_map(|s| Some((s.id.clone(), Hz(features.speed.first?.0 * s.ratio_to_first?))))
+        .collect();
+    Judged {
+        time_s: features.time_s,
+        components,
+        speed: features.speed.first,
+        speed_source: features.speed.source,
+        speed_confidence: features.speed.confidence,
+        shaft_speeds,
+        operating_state,
+        data_quality: sensor::data_quality(features),
+        sample_ranges: features
+            .sensors
+            .iter()
+            .filter(|s| s.absent.is_none())
+            .map(|s| (context.channel_name(s.channel).to_owned(), s.sample_range.0, s.sample_range.1))
+            .collect(),
+        notes: features.speed.notes.clone(),
+        baselines,
+    }
+}
+
+fn make_undetermined(component: &mut ComponentDiagnosis, why: &str) {
+    component.state = State::Undetermined;
+    component.fault = None;
+    component.severity = None;
+    component.confidence = None;
+    component.other_faults.clear();
+    component.gear = None;
+    component.why = why.to_owned();
+}
+
+fn operating_state(features: &WindowFeatures, context: &Context<'_>) -> OperatingState {
+    let Some(first) = features.speed.first else { return OperatingState::Unknown };
+    let still = context.machine.shafts.iter().any(|s| {
+        let speed = s.ratio_to_first.map(|r| r * first.0);
+        matches!((speed, s.running_above), (Some(v), Some(limit)) if v <= limit.0)
+    });
+    if first.0 <= 0.0 || still {
+        OperatingState::Stopped
+    } else if features.speed.excursion > TRANSIENT_EXCURSION {
+        OperatingState::Transient
+    } else {
+        OperatingState::Running
+    }
+}
+
+/// Makes the document of a stretch of windows, oldest first; `None` when there are none.
+///
+/// What only the stream knows (counts, unit conflicts, absent channels) is left empty.
+#[must_use]
+pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
+    let newest = windows.last()?;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small part of a length")]
+    let last_part = (windows.len() as f64 * LAST_PART).ceil() as usize;
+    let n_last = last_part.max(FEWEST_WINDOWS).min(windows.len());
+    let last = &windows[windows.len() - n_last..];
+    let mut diagnosis = of_window(machine, newest);
+    diagnosis.components = merge_components(last);
+    diagnosis.state = whole_state(&diagnosis.components);
+    diagnosis.coverage = coverage(&diagnosis.components);
+    diagnosis.warnings = windows.iter().flat_map(|w| w.notes.clone()).collect();
+    diagnosis.warnings.sort();
+    diagnosis.warnings.dedup();
+    diagnosis.duration_s = windows.iter().map(|w| w.time_s.1 - w.time_s.0).sum();
+    diagnosis.samples_used = samples_used(windows);
+    diagnosis.data_quality = last.iter().map(|w| w.data_quality).max().unwrap_or(DataQuality::Bad);
+    diagnosis.timeline = (windows.len() > 1).then(|| timeline(windows));
+    diagnosis.first_warning_s = first_persistent(windows, State::Warning);
+    diagnosis.first_damaged_s = first_persistent(windows, State::Damaged);
+    Some(diagnosis)
+}
+
+/// Makes the document of one window.
+#[must_use]
+pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
+    let since = |level: State| (whole_state(&window.components) >= level).then_some(window.time_s.0);
+    Diagnosis {
+        machine: machine.to_owned(),
+        duration_s: window.time_s.1 - window.time_s.0,
+        samples_used: samples_used(std::slice::from_ref(window)),
+        samples_rejected: 0,
+        rejected_because: Vec::new(),
+        shaft_speed: window.speed,
+        shaft_speeds: window.shaft_speeds.clone(),
+        speed_source: window.speed_source,
+        speed_confidence: window.speed_confidence,
+        operating_state: window.operating_state,
+        state: whole_state(&window.components),
+        coverage: coverage(&window.components),
+        data_quality: window.data_quality,
+        components: window.components.clone(),
+        warnings: window.notes.clone(),
+        baselines: window.baselines.clone(),
+        provisional_baseline: None,
+        timeline: None,
+        first_warning_s: since(State::Warning),
+        first_damaged_s: since(State::Damaged),
+        sample_ranges: window.sample_ranges.clone(),
+    }
+}
+
+/// Samples used, each counted once though windows may overlap.
+fn samples_used(windows: &[Judged]) -> u64 {
+    let mut reached: std::collections::BTreeMap<&str, u64> = std::collections::BTreeMap::new();
+    let mut total = 0;
+    for (channel, start, end) in windows.iter().flat_map(|w| &w.sample_ranges) {
+        let from = reached.entry(channel).or_insert(0);
+        total += end.saturating_sub((*start).max(*from));
+        *from = (*from).max(*end);
+    }
+    total
+}
+
+/// One verdict a component from the verdicts of several windows.
+fn merge_components(windows: &[Judged]) -> Vec<ComponentDiagnosis> {
+    let Some(newest) = windows.last() else { return Vec::new() };
+    let mut keys: Vec<(ComponentKind, &str)> = newest.components.iter().map(|c| (c.kind, c.id.as_str())).collect();
+    for component in windows.iter().flat_map(|w| &w.components) {
+        if !keys.contains(&(component.kind, component.id.as_str())) {
+            keys.push((component.kind, component.id.as_str()));
+        }
+    }
+    keys.into_iter().filter_map(|key| merge_component(key, windows)).collect()
+}
+
+fn merge_component(key: (ComponentKind, &str), windows: &[Judged]) -> Option<ComponentDiagnosis> {
+    let of_key: Vec<&ComponentDiagnosis> =
+        windows.iter().flat_map(|w| &w.components).filter(|c| (c.kind, c.id.as_str()) == key).collect();
+    let accusing: Vec<&ComponentDiagnosis> = of_key.iter().copied().filter(|c| c.state.is_accusation()).collect();
+    if 2 * accusing.len() > windows.len() {
+        let fault = most_frequent(&accusing);
+        let mut with_fault: Vec<&ComponentDiagnosis> = accusing.into_iter().filter(|c| c.fault == fault).collect();
+        with_fault.sort_by(|a, b| a.severity.unwrap_or(0.0).total_cmp(&b.severity.unwrap_or(0.0)));
+        let mut median = (*with_fault.get(with_fault.len() / 2)?).clone();
+        note_windows(&mut median, with_fault.len(), windows.len());
+        return Some(median);
+    }
+    let calm: Vec<&ComponentDiagnosis> = of_key.iter().copied().filter(|c| !c.state.is_accusation()).collect();
+    let healthy = calm.iter().filter(|c| c.state == State::Healthy).count();
+    let wanted = if 2 * healthy > calm.len() { State::Healthy } else { State::Undetermined };
+    let newest = calm.iter().rev().find(|c| c.state == wanted).or(calm.last())?;
+    let mut verdict = (*newest).clone();
+    if !accusing.is_empty() {
+        verdict.why =
+            format!("{} (accused in {} of {} windows, not in most)", verdict.why, accusing.len(), windows.len());
+    }
+    Some(verdict)
+}
+
+fn note_windows(verdict: &mut ComponentDiagnosis, n: usize, of: usize) {
+    if of > 1 {
+        verdict.why = format!("{}; in {n} of the last {of} windows", verdict.why);
+    }
+}
+
+fn most_frequent(verdicts: &[&ComponentDiagnosis]) -> Option<FaultMode> {
+    let count = |fault: Option<FaultMode>| verdicts.iter().filter(|c| c.fault == fault).count();
+    verdicts.iter().map(|c| c.fault).max_by_key(|f| count(*f)).flatten()
+}
+
+/// Worst of bearing, shaft, gear, machine; undetermined only if all of them are.
+#[must_use]
+pub fn whole_state(components: &[ComponentDiagnosis]) -> State {
+    let parts = components.iter().filter(|c| c.kind != ComponentKind::Sensor);
+    parts.map(|c| c.state).max().unwrap_or(State::Undetermined)
+}
+
+fn coverage(components: &[ComponentDiagnosis]) -> Coverage {
+    let parts: Vec<_> = components.iter().filter(|c| c.kind != ComponentKind::Sensor).collect();
+    let undetermined: Vec<String> =
+        parts.iter().filter(|c| c.state == State::Undetermined).map(|c| c.id.clone()).collect();
+    Coverage { judged: parts.len() - undetermined.len(), undetermined }
+}
+
+fn timeline(windows: &[Judged]) -> Timeline {
+    let mut columns = Timeline::default();
+    for window in windows {
+        let worst = window
+            .components
+            .iter()
+            .filter(|c| c.kind != ComponentKind::Sensor && c.state.is_accusation())
+            .max_by(|a, b| a.severity.unwrap_or(0.0).total_cmp(&b.severity.unwrap_or(0.0)));
+        columns.time_s.push(window.time_s.0);
+        columns.state.push(whole_state(&window.components));
+        columns.component.push(worst.map(|c| c.id.clone()));
+        columns.severity.push(worst.and_then(|c| c.severity));
+    }
+    columns
+}
+
+/// Start of the first window from which `level` or worse persists.
+fn first_persistent(windows: &[Judged], level: State) -> Option<f64> {
+    let states: Vec<bool> = windows.iter().map(|w| whole_state(&w.components) >= level).collect();
+    (0..states.len())
+        .find(|i| states[*i..(*i + PERSISTENCE).min(states.len())].iter().all(|s| *s))
+        .map(|i| windows[i].time_s.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(state: State) -> ComponentDiagnosis {
+        ComponentDiagnosis {
+            id: "b".into(),
+            kind: ComponentKind::Bearing,
+            state,
+            fault: state.is_accusation().then_some(FaultMode::InnerRace),
+            severity: state.is_accusation().then_some(0.4),
+            confidence: None,
+            why: "w".into(),
+            evidence: vec![],
+            other_faults: vec![],
+            gear: None,
+        }
+    }
+
+    fn window(i: usize, state: State) -> Judged {
+        Judged {
+            time_s: (i as f64, i as f64 + 1.0),
+            components: vec![part(state)],
+            speed: Some(Hz(10.0)),
+            speed_source: Some(SpeedSource::Capture),
+            speed_confidence: 1.0,
+            shaft_speeds: vec![],
+            operating_state: OperatingState::Running,
+            data_quality: DataQuality::Ok,
+            sample_ranges: vec![("x".into(), i as u64 * 50, i as u64 * 50 + 100)],
+            notes: vec![],
+            baselines: vec![],
+        }
+    }
+
+    fn conclude_states(states: &[State]) -> Diagnosis {
+        let windows: Vec<Judged> = states.iter().enumerate().map(|(i, s)| window(i, *s)).collect();
+        conclude("m", &windows).unwrap()
+    }
+
+    #[test]
+    fn most_of_the_last_windows_decide() {
+        use State::{Healthy, Warning};
+        assert_eq!(conclude_states(&[Warning, Warning, Healthy, Healthy, Healthy]).state, Healthy);
+        assert_eq!(conclude_states(&[Healthy, Healthy, Healthy, Warning, Warning]).state, Warning);
+        assert_eq!(conclude_states(&[Healthy, Healthy, Warning]).state, Healthy);
+        assert_eq!(conclude_states(&[Warning]).state, Warning);
+    }
+
+    #[test]
+    fn a_lone_window_does_not_date_the_first_warning() {
+        use State::{Healthy, Warning};
+        let found = conclude_states(&[Healthy, Warning, Healthy, Warning, Warning, Warning, Warning]);
+        assert_eq!(found.first_warning_s, Some(3.0));
+        assert_eq!(found.first_damaged_s, None);
+        assert_eq!(found.timeline.unwrap().time_s.len(), 7);
+    }
+
+    #[test]
+    fn undetermined_whole_only_if_nothing_was_judged() {
+        use State::{Healthy, Undetermined};
+        assert_eq!(whole_state(&[part(Undetermined), part(Healthy)]), Healthy);
+        assert_eq!(whole_state(&[part(Undetermined)]), Undetermined);
+    }
+
+    #[test]
+    fn overlapping_windows_count_samples_once() {
+        assert_eq!(conclude_states(&[State::Healthy, State::Healthy]).samples_used, 150);
+    }
+}

@@ -1,0 +1,347 @@
+//! The whole flow on one screen: block → ring → window → features → diagnosis → alarm events.
+//!
+//! One [`Monitor`] a machine, used alike by the daemon's shards and by offline `diagnose`. Pure:
+//! time is stream time, samples come in as arguments.
+
+mod windows;
+
+use crate::alarms::AlarmEngine;
+use crate::alarms::AlarmEvent;
+use crate::buffer::Ring;
+use crate::buffer::RingStatus;
+use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::summary;
+use crate::diagnosis::summary::Judged;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::features::ChannelFeatures;
+use crate::features::ChannelWindow;
+use crate::features::Extractor;
+use crate::features::Window;
+use crate::features::WindowFeatures;
+pub use crate::features::speed::SpeedHints;
+use crate::machine::Machine;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use std::sync::Arc;
+use windows::WindowGrid;
+
+/// How windows are laid and what they are held against.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Longest analysis window, s.
+    pub window_s: f64,
+    /// Distance of window ends, s; windows lie on the grid of this distance in stream time.
+    pub hop_s: f64,
+    /// History kept a channel, s; at least a window and a hop are kept.
+    pub ring_s: f64,
+    /// Healthy reference records.
+    pub baseline: Baseline,
+    /// Make a provisional baseline of the first so many windows, when there is no other.
+    pub provisional_windows: Option<usize>,
+    /// Alarm policy.
+    pub alarms: crate::alarms::Settings,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            window_s: 10.0,
+            hop_s: 5.0,
+            ring_s: 30.0,
+            baseline: Baseline::default(),
+            provisional_windows: None,
+            alarms: crate::alarms::Settings::default(),
+        }
+    }
+}
+
+/// What one completed window yields.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Window start and end, s of stream time.
+    pub time_s: (f64, f64),
+    /// Named numbers by channel.
+    pub features: Vec<ChannelFeatures>,
+    /// The verdict on this window.
+    pub diagnosis: Arc<Diagnosis>,
+    /// The window's part of a verdict over several windows ([`summary::conclude`]).
+    pub judged: Judged,
+    /// What changed for the operator.
+    pub alarm_events: Vec<AlarmEvent>,
+}
+
+/// Why a monitor cannot be built.
+#[derive(Debug, thiserror::Error)]
+pub enum MonitorError {
+    /// None of the machine's sensors has a channel in the stream.
+    #[error(
+        "none of the machine's sensors ({sensors}) has a channel in the data ({channels}): name the channels alike"
+    )]
+    NoCommonChannel {
+        /// Channels the machine file names.
+        sensors: String,
+        /// Channels of the data.
+        channels: String,
+    },
+}
+
+/// The monitor of one machine.
+#[derive(Debug)]
+pub struct Monitor {
+    machine: Arc<Machine>,
+    channels: Vec<ChannelInfo>,
+    settings: Settings,
+    rings: Vec<Ring>,
+    grid: WindowGrid,
+    segment: Option<u32>,
+    extractor: Extractor,
+    baseline: Baseline,
+    provisional: Vec<WindowFeatures>,
+    rejected: Vec<(String, u64)>,
+    alarms: AlarmEngine,
+}
+
+impl Monitor {
+    /// Builds a monitor for a stream of `channels`.
+    ///
+    /// # Errors
+    /// When no sensor of the machine has a channel in the stream.
+    pub fn new(
+        machine: Arc<Machine>,
+        channels: Vec<ChannelInfo>,
+        hints: SpeedHints,
+        settings: &Settings,
+    ) -> Result<Self, MonitorError> {
+        let extractor = Extractor::new(Arc::clone(&machine), channels.clone(), hints);
+        if extractor.channel_of_sensor().iter().all(Option::is_none) {
+            let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+            return Err(MonitorError::NoCommonChannel {
+                sensors: list(machine.sensors.iter().map(|s| s.channel.as_str()).collect()),
+                channels: list(channels.iter().map(|c| c.name.as_str()).collect()),
+            });
+        }
+        let ring = |c: &ChannelInfo| {
+            Ring::new(c.sample_rate, ring_seconds(settings)).with_full_scale(c.full_scale)
+        };
+        Ok(Self {
+            rings: channels.iter().map(ring).collect(),
+            grid: WindowGrid::new(settings.window_s, settings.hop_s),
+            segment: None,
+            extractor,
+            baseline: settings.baseline.clone(),
+            provisional: Vec::new(),
+            rejected: Vec::new(),
+            alarms: AlarmEngine::new(settings.alarms.clone()),
+            settings: settings.clone(),
+            machine,
+            channels,
+        })
+    }
+
+    /// Gives the bytes the rings of a stream of `channels` need.
+    #[must_use]
+    pub fn ring_bytes(channels: &[ChannelInfo], settings: &Settings) -> usize {
+        channels.iter().map(|c| Ring::bytes(c.sample_rate, ring_seconds(settings))).sum()
+    }
+
+    /// Takes one block in and calls `emit` for every window it completes.
+    pub fn step(&mut self, block: &Block, emit: &mut dyn FnMut(Outcome)) {
+        if self.segment.is_some_and(|segment| segment != block.segment) {
+            self.finish(emit);
+        }
+        self.segment = Some(block.segment);
+        self.rings[block.channel.0].push(block);
+        self.grid.begin(block.time_s);
+        let (slowest, fastest) = self.reached();
+        // A channel that fell behind by more than a hop is not waited for.
+        let reached = slowest.max(fastest - self.settings.hop_s);
+        while let Some(span) = self.grid.next_due(reached) {
+            let outcome = self.judge(span);
+            emit(outcome);
+        }
+    }
+
+    /// Ends the run (segment or stream): judges what is left if it is long enough.
+    pub fn finish(&mut self, emit: &mut dyn FnMut(Outcome)) {
+        let (_, fastest) = self.reached();
+        if let Some(span) = self.grid.finish(fastest) {
+            let outcome = self.judge(span);
+            emit(outcome);
+        }
+        self.segment = None;
+    }
+
+    /// Adds samples that the source received but could not hand on, with the reason.
+    pub fn count_rejected(&mut self, n_samples: u64, reason: &str) {
+        match self.rejected.iter_mut().find(|(known, _)| known == reason) {
+            Some((_, n)) => *n += n_samples,
+            None => self.rejected.push((reason.to_owned(), n_samples)),
+        }
+    }
+
+    /// The machine.
+    #[must_use]
+    pub fn machine(&self) -> &Arc<Machine> {
+        &self.machine
+    }
+
+    /// Channels of the stream.
+    #[must_use]
+    pub fn channels(&self) -> &[ChannelInfo] {
+        &self.channels
+    }
+
+    /// The ring of a channel: raw samples, gaps, counts.
+    #[must_use]
+    pub fn ring(&self, channel: ChannelIndex) -> &Ring {
+        &self.rings[channel.0]
+    }
+
+    /// State of every ring.
+    #[must_use]
+    pub fn ring_status(&self) -> Vec<RingStatus> {
+        self.rings.iter().map(Ring::status).collect()
+    }
+
+    /// The alarms, for reading and operator actions.
+    pub fn alarms_mut(&mut self) -> &mut AlarmEngine {
+        &mut self.alarms
+    }
+
+    /// The alarms.
+    #[must_use]
+    pub fn alarms(&self) -> &AlarmEngine {
+        &self.alarms
+    }
+
+    /// Makes the document of several windows of this stream: [`summary::conclude`] and what only
+    /// the stream knows. `None` when no window was judged.
+    #[must_use]
+    pub fn conclude(&self, windows: &[Judged]) -> Option<Diagnosis> {
+        let mut diagnosis = summary::conclude(&self.machine.id, windows)?;
+        self.add_stream_facts(&mut diagnosis);
+        Some(diagnosis)
+    }
+
+    /// Earliest and latest stream time reached by the channels in use, in the current segment.
+    fn reached(&self) -> (f64, f64) {
+        let used = self.extractor.channel_of_sensor().iter().flatten();
+        let times = used.map(|channel| {
+            let ring = &self.rings[channel.0];
+            let status = ring.status();
+            let last = status.newest.0.checked_sub(1).map(SampleIndex);
+            let current = last.and_then(|i| ring.segment_of(i)) == self.segment && last.is_some();
+            if current { status.newest_time_s } else { f64::NEG_INFINITY }
+        });
+        times.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)))
+    }
+
+    /// Copies a window out of the rings, measures and judges it.
+    fn judge(&mut self, time_s: (f64, f64)) -> Outcome {
+        let copies: Vec<Option<(u64, Vec<f32>)>> = (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
+        let channels = copies
+            .iter()
+            .map(|c| c.as_ref().map(|(start, samples)| ChannelWindow { start: *start, samples }))
+            .collect();
+        let features = self.extractor.extract(&Window { time_s, channels });
+        let (baseline, uses) = self.baseline.at_speed(features.speed.first);
+        let context = Context {
+            machine: &self.machine,
+            channels: &self.channels,
+            channel_of_sensor: self.extractor.channel_of_sensor(),
+            baseline: &baseline,
+        };
+        let judged = summary::judge_window(&features, &context, uses);
+        let mut diagnosis = summary::of_window(&self.machine.id, &judged);
+        self.add_stream_facts(&mut diagnosis);
+        let alarm_events = self.alarms.observe(&diagnosis, time_s.1);
+        let outcome = Outcome {
+            time_s,
+            features: features.channels.clone(),
+            diagnosis: Arc::new(diagnosis),
+            judged,
+            alarm_events,
+        };
+        self.learn_provisional(features);
+        outcome
+    }
+
+    /// Copies the contiguous samples of a channel in a window: all of it, or the longest half.
+    fn copy_window(&self, channel: usize, (start_s, end_s): (f64, f64)) -> Option<(u64, Vec<f32>)> {
+        let ring = &self.rings[channel];
+        let rate = self.channels[channel].sample_rate.0;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+        let wanted = ((end_s - start_s) * rate).round() as usize;
+        // Half a sample of slack against the rounding of index/rate.
+        let end = ring.end_at(end_s + 0.25 / rate)?;
+        if ring.segment_of(SampleIndex(end.0.checked_sub(1)?)) != self.segment {
+            return None;
+        }
+        let floor = end.0.saturating_sub(wanted as u64);
+        let (mut start, mut n) = ring.contiguous_before(end, wanted);
+        if 2 * n < wanted && start.0 > floor {
+            let before = ring.newest_before(start).unwrap_or(start);
+            let room = usize::try_from(before.0.saturating_sub(floor)).unwrap_or(0);
+            let earlier = ring.contiguous_before(before, room);
+            if earlier.1 > n {
+                (start, n) = earlier;
+            }
+        }
+        if n == 0 || 2 * n < wanted {
+            return None;
+        }
+        let mut samples = vec![0.0_f32; n];
+        ring.copy(start, &mut samples).then_some((start.0, samples))
+    }
+
+    /// Collects the first windows and turns them into the provisional baseline.
+    fn learn_provisional(&mut self, features: WindowFeatures) {
+        let Some(n) = self.settings.provisional_windows else { return };
+        if !self.baseline.records.is_empty() || self.provisional.len() >= n {
+            return;
+        }
+        self.provisional.push(features);
+        if self.provisional.len() == n {
+            let record = |w: &WindowFeatures| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
+            self.baseline =
+                Baseline { records: self.provisional.iter().map(record).collect(), provisional: true };
+            self.provisional.clear();
+            self.settings.provisional_windows = None;
+        }
+    }
+
+    /// Adds counts, unit conflicts and absent channels.
+    fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
+        diagnosis.samples_rejected = self.rejected.iter().map(|(_, n)| n).sum();
+        diagnosis.rejected_because = self.rejected.iter().map(|(why, n)| format!("{n} samples: {why}")).collect();
+        let sensors = self.machine.sensors.iter().zip(self.extractor.channel_of_sensor());
+        for (sensor, channel) in sensors {
+            match channel {
+                None => diagnosis.warnings.push(format!("sensor `{}` has no channel in the data", sensor.channel)),
+                Some(channel) => {
+                    let info = &self.channels[channel.0];
+                    if let Some((data, machine)) = &info.unit_conflict {
+                        diagnosis.warnings.push(format!(
+                            "channel `{}`: the data say {data}, the machine file {machine}; the machine file was used",
+                            info.name
+                        ));
+                    }
+                }
+            }
+        }
+        if self.baseline.provisional {
+            let n = self.baseline.records.len();
+            diagnosis.provisional_baseline = Some(format!("the first {n} windows of this record"));
+            diagnosis.baselines.clear();
+        }
+    }
+}
+
+/// History a ring must keep: what was asked for, a window and a hop at least.
+fn ring_seconds(settings: &Settings) -> f64 {
+    settings.ring_s.max(settings.window_s + settings.hop_s)
+}

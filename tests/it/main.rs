@@ -1,0 +1,8 @@
+//! The daemon as a user meets it: the built program, its port, its signals.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
+#![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
+
+mod support;
+mod command_line;
+mod shutdown;

@@ -1,0 +1,202 @@
+//! A daemon in a folder of its own, and questions to it.
+
+use serde_json::Value;
+use std::fs;
+use std::io::BufRead;
+use std::io::BufReader;
+use std::io::Read;
+use std::process::Child;
+use std::process::Command;
+use std::process::ExitStatus;
+use std::process::Stdio;
+use std::thread;
+use std::time::Duration;
+use std::time::Instant;
+use tempfile::TempDir;
+
+/// Longest wait for anything: far beyond what a loaded computer needs.
+const LIMIT: Duration = Duration::from_secs(30);
+
+/// Time between two looks.
+const POLL: Duration = Duration::from_millis(20);
+
+/// A machine file without any limits.
+pub(crate) const MACHINE: &str = r#"
+[machine]
+id = "rig-1"
+name = "Rig"
+[[shaft]]
+id = "main"
+speed_hz = 10.0
+[[bearing]]
+id = "right"
+shaft = "main"
+elements = 11
+element_diameter_mm = 7.9375
+pitch_diameter_mm = 33.5
+[[sensor]]
+channel = "right_x"
+kind = "accelerometer"
+unit = "m/s^2"
+at = { bearing = "right" }
+"#;
+
+/// A running daemon; killed when dropped.
+#[derive(Debug)]
+pub(crate) struct Daemon {
+    /// Such as `http://127.0.0.1:40123`.
+    pub(crate) base_url: String,
+    /// The process.
+    pub(crate) child: Child,
+    /// Its folder, with the configuration as `serve.toml`.
+    pub(crate) dir: TempDir,
+    /// Ends with the process.
+    stderr: Option<thread::JoinHandle<String>>,
+}
+
+/// What a process left behind.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub(crate) status: ExitStatus,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
+}
+
+/// Makes a folder with the configuration `serve.toml` and other files, by name and content.
+pub(crate) fn folder(config: &str, files: &[(&str, &[u8])]) -> TempDir {
+    let dir = TempDir::new().unwrap();
+    fs::write(dir.path().join("serve.toml"), config).unwrap();
+    for (name, content) in files {
+        fs::write(dir.path().join(name), content).unwrap();
+    }
+    dir
+}
+
+/// `rotorwatch serve` in a folder, without our variables from outside.
+fn serve(dir: &TempDir) -> Command {
+    let mut command = command();
+    command.arg("serve").arg("--config").arg(dir.path().join("serve.toml"));
+    command
+}
+
+/// `rotorwatch`, without our variables from outside.
+pub(crate) fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rotorwatch"));
+    for (name, _) in std::env::vars_os() {
+        if name.to_string_lossy().starts_with("ROTORWATCH_") {
+            command.env_remove(name);
+        }
+    }
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// Runs a command that ends by itself.
+pub(crate) fn run(command: &mut Command) -> Ended {
+    let output = command.output().unwrap();
+    Ended {
+        status: output.status,
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// Runs a daemon that is expected not to start.
+pub(crate) fn refused(config: &str, files: &[(&str, &[u8])]) -> Ended {
+    run(&mut serve(&folder(config, files)))
+}
+
+impl Daemon {
+    /// Starts the daemon on port 0 (`config` must not have a `[server]` section) and waits for its
+    /// first line.
+    pub(crate) fn start(config: &str, files: &[(&str, &[u8])]) -> Self {
+        Self::start_in(folder(&format!("[server]\nbind = \"127.0.0.1:0\"\n{config}"), files))
+    }
+
+    /// Starts the daemon in a folder made by [`folder`].
+    pub(crate) fn start_in(dir: TempDir) -> Self {
+        let mut child = serve(&dir).spawn().unwrap();
+        let mut stderr_pipe = child.stderr.take().unwrap();
+        let stderr = thread::spawn(move || {
+            let mut text = String::new();
+            stderr_pipe.read_to_string(&mut text).unwrap();
+            text
+        });
+        // Ends by itself: with the line, or with the process.
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let Some(url) = line.strip_prefix("listening on ") else {
+            child.kill().unwrap();
+            panic!("first line {line:?}, stderr:\n{}", stderr.join().unwrap());
+        };
+        Self { base_url: url.trim_end().to_owned(), child, dir, stderr: Some(stderr) }
+    }
+
+    /// Status and text of a `GET`, whatever the status.
+    pub(crate) fn get_text(&self, path: &str) -> (u16, String) {
+        let mut response = agent().get(format!("{}{path}", self.base_url)).call().unwrap();
+        (response.status().as_u16(), response.body_mut().read_to_string().unwrap())
+    }
+
+    /// Status and document of a `GET`, whatever the status.
+    pub(crate) fn get_json(&self, path: &str) -> (u16, Value) {
+        let (status, text) = self.get_text(path);
+        (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))
+    }
+
+    /// Status and document of a `POST`, whatever the status.
+    pub(crate) fn post_json(&self, path: &str, body: &Value) -> (u16, Value) {
+        let url = format!("{}{path}", self.base_url);
+        let mut response = agent().post(url).send_json(body).unwrap();
+        let text = response.body_mut().read_to_string().unwrap();
+        let status = response.status().as_u16();
+        (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))
+    }
+
+    /// Sends a signal, such as `TERM`.
+    pub(crate) fn signal(&self, name: &str) {
+        let pid = self.child.id().to_string();
+        let sent = Command::new("kill").args(["-s", name, &pid]).status().unwrap();
+        assert!(sent.success(), "kill -s {name} {pid}");
+    }
+
+    /// Waits for the end of the process.
+    pub(crate) fn wait(mut self) -> Ended {
+        let status = wait_until("the daemon to end", || self.child.try_wait().unwrap());
+        let stderr = self.stderr.take().unwrap().join().unwrap();
+        Ended { status, stdout: String::new(), stderr }
+    }
+
+    /// Sends SIGTERM and waits for the end.
+    pub(crate) fn terminate(self) -> Ended {
+        self.signal("TERM");
+        self.wait()
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        // Already ended: nothing to kill.
+        let _ended = self.child.kill();
+        let _ended = self.child.wait();
+    }
+}
+
+fn agent() -> ureq::Agent {
+    let config = ureq::Agent::config_builder();
+    config.http_status_as_error(false).timeout_global(Some(LIMIT)).build().into()
+}
+
+/// Looks every 20 ms until `look` gives something; fails after 30 s.
+pub(crate) fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    #[expect(clippy::disallowed_methods, reason = "a limit for a test that hangs")]
+    let now = Instant::now;
+    let started = now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(now().duration_since(started) < LIMIT, "waited in vain for {what}");
+        thread::sleep(POLL);
+    }
+}
