@@ -216,6 +216,35 @@ fn every_real_recording_is_read_whole() {
     assert!(n_files > 0, "no captures in ROTORWATCH_DATA");
 }
 
+fn python() -> std::process::Command {
+    std::process::Command::new(std::env::var("PYTHON").unwrap_or_else(|_| "python3".into()))
+}
+
+#[test]
+#[ignore = "needs python3 with h5py"]
+fn h5py_reads_what_we_write() {
+    const SCRIPT: &str = "
+import sys, h5py, numpy as np
+for path, n in zip(sys.argv[1:], (12000, 20000, 400)):
+    with h5py.File(path) as f:
+        assert f.attrs['format'] == 'rotorwatch-capture' and f.attrs['version'] == 1
+        assert f.attrs['machine'].startswith('[machine]') and f.attrs['shaft_speed_hz'] == 10.0
+        assert f.attrs['start_time'] == '2026-03-01T12:00:00Z', f.attrs['start_time']
+        x, y = f['channels/x'], f['channels/y']
+        assert (x.dtype, y.dtype) == ('<f4', '<i2') and y.attrs['scale'] == 1e-3 and y.attrs['offset'] == 0.5
+        assert x.attrs['unit'] == 'g' and x.attrs['sample_rate_hz'] == 2000.0
+        tone = np.sin(np.arange(n, dtype='f4') * np.float32(0.3))
+        assert x.shape == (n,) and np.abs(x[:] - tone).max() < 1e-6
+        assert y.shape == (n // 2,) and np.abs(y[:] / 3e4 - tone[: n // 2]).max() < 1e-4
+        assert list(f['segments/start_sample']) == [0, n // 2] and list(f['segments/time_s']) == [0, 60]
+";
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    let files = small_captures(folder.path());
+    let output = python().arg("-c").arg(SCRIPT).args(&files).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
 /// Raw sample k of every channel that `tests/make_captures.py` writes.
 fn expected(kind: &str, k: u64) -> f64 {
     let count = ((k * 7919) % 65_536) as f64 - 32_768.0;
@@ -227,12 +256,11 @@ fn expected(kind: &str, k: u64) -> f64 {
 fn captures_written_by_h5py_are_read_alike() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
-    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".into());
-    let output = std::process::Command::new(&python)
+    let output = python()
         .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/make_captures.py"))
         .arg(folder.path())
         .output()
-        .unwrap_or_else(|error| panic!("{python}: {error}; set PYTHON"));
+        .unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
     let files: Vec<PathBuf> =
@@ -241,8 +269,15 @@ fn captures_written_by_h5py_are_read_alike() {
     for file in &files {
         compare(file);
     }
-    for file in files.iter().filter(|file| file.to_string_lossy().contains("earliest_gzip")) {
-        damage(file, 500, false);
+    let (reader, _) = read(&folder.path().join("killed_recording.h5"), "killed").unwrap();
+    assert_eq!(reader.report().samples_read, 40_000, "what was flushed is read");
+    for word in ["zfp", "link", "external", "virtual", "dimension", "compound"] {
+        let file = folder.path().join(format!("refused_{word}.h5"));
+        let error = read(&file, word).unwrap_err().to_string();
+        assert!(error.replace("refused_", "").replacen(word, "", 1).contains(word), "{error}");
+    }
+    for libver in ["earliest", "v110", "latest"] {
+        damage(&folder.path().join(format!("small_{libver}.h5")), 2000, false);
     }
 }
 

@@ -3,6 +3,7 @@
 Sample k of every channel is ((k * 7919) mod 65536) - 32768, which every number type holds exactly.
 """
 import itertools
+import shutil
 import sys
 
 import h5py
@@ -22,6 +23,54 @@ storages = {
     "resizable": dict(chunks=(1000,), maxshape=(None,), compression="gzip"),
     "one_chunk": dict(chunks=(N,), compression="gzip"),
 }
+
+
+def channel(file, name="x", n=N, **options):
+    data = file.create_dataset(f"channels/{name}", data=counts[:n].astype("f4"), **options)
+    data.attrs["sample_rate_hz"] = 2000.0
+    return data
+
+
+# Small files, mostly headers, to be damaged.
+for libver in ["earliest", "v110", "latest"]:
+    with h5py.File(f"{sys.argv[1]}/small_{libver}.h5", "w", libver=(libver, "latest")) as file:
+        file.attrs["format"] = "rotorwatch-capture"
+        file.attrs["version"] = 1
+        for name in "xy":
+            data = channel(file, name, n=600, compression="gzip", chunks=(100,))
+            data.attrs["unit"] = "g"
+        file["segments/start_sample"] = np.array([0, 70, 120])
+        file["segments/time_s"] = np.array([0.0, 10.0, 20.0])
+
+# A recorder killed while recording: what was flushed, with the in-use flags still set.
+with h5py.File(f"{sys.argv[1]}/recording", "w", libver="latest") as file:
+    data = channel(file, chunks=(4096,), maxshape=(None,), compression="gzip")
+    file.swmr_mode = True
+    data.resize((2 * N,))
+    data[N:] = counts
+    data.flush()
+    shutil.copy(f"{sys.argv[1]}/recording", f"{sys.argv[1]}/killed_recording.h5")
+
+# What must be refused, by the word the refusal must contain.
+with h5py.File(f"{sys.argv[1]}/refused_zfp.h5", "w") as file:
+    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plist.set_chunk((1000,))
+    plist.set_filter(32013, h5py.h5z.FLAG_OPTIONAL, ())
+    group = file.create_group("channels")
+    h5py.h5d.create(group.id, b"x", h5py.h5t.NATIVE_FLOAT, h5py.h5s.create_simple((N,)), plist)
+    group["x"].attrs["sample_rate_hz"] = 2000.0
+with h5py.File(f"{sys.argv[1]}/refused_link.h5", "w") as file:
+    file["channels/x"] = h5py.ExternalLink("killed_recording.h5", "/channels/x")
+with h5py.File(f"{sys.argv[1]}/refused_external.h5", "w") as file:
+    channel(file, external=[(f"{sys.argv[1]}/raw", 0, h5py.h5f.UNLIMITED)])
+with h5py.File(f"{sys.argv[1]}/refused_virtual.h5", "w", libver="latest") as file:
+    layout = h5py.VirtualLayout((N,), "f4")
+    layout[:] = h5py.VirtualSource("killed_recording.h5", "/channels/x", (2 * N,), "f4")[:N]
+    file.create_virtual_dataset("channels/x", layout).attrs["sample_rate_hz"] = 2000.0
+with h5py.File(f"{sys.argv[1]}/refused_dimension.h5", "w") as file:
+    file["channels/x"] = counts.reshape(2, -1).astype("f4")
+with h5py.File(f"{sys.argv[1]}/refused_compound.h5", "w") as file:
+    file["channels/x"] = np.zeros(9, dtype=[("compound", "f4"), ("b", "f4")])
 
 for libver, (storage, options), order in itertools.product(
     ["earliest", "v110", "latest"], storages.items(), "<>"

@@ -228,6 +228,25 @@ impl NumberType {
     }
 }
 
+#[expect(clippy::wildcard_enum_match_arm, reason = "two of the library's many types are numbers")]
+fn channel_type(datatype: &DatatypeMessage) -> Option<NumberType> {
+    match *datatype {
+        DatatypeMessage::FixedPoint {
+            size, signed: true, bit_offset: 0, bit_precision, ..
+        } => match (size, bit_precision) {
+            (2, 16) => Some(NumberType::I16),
+            (4, 32) => Some(NumberType::I32),
+            _ => None,
+        },
+        DatatypeMessage::FloatingPoint { .. } => match datatype.ieee_format()? {
+            IeeeFormat::Binary16 => None,
+            IeeeFormat::Binary32 => Some(NumberType::F32),
+            IeeeFormat::Binary64 => Some(NumberType::F64),
+        },
+        _ => None,
+    }
+}
+
 /// Where a data set's bytes are.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Storage {
@@ -250,31 +269,14 @@ impl Dataset {
     }
 
     /// The channel number type, or a description of the type that is none.
-    #[expect(clippy::wildcard_enum_match_arm, reason = "every other type is refused by its text")]
     pub(super) fn number_type(&self) -> Result<Result<NumberType, String>, LibraryError> {
-        let datatype = guarded(|| self.inner.datatype())?;
-        let full = |size: u32, precision: u16| u32::from(precision) == size * 8;
-        Ok(match datatype {
-            DatatypeMessage::FixedPoint {
-                size,
-                signed: true,
-                bit_offset: 0,
-                bit_precision,
-                ..
-            } if size == 2 && full(size, bit_precision) => Ok(NumberType::I16),
-            DatatypeMessage::FixedPoint {
-                size,
-                signed: true,
-                bit_offset: 0,
-                bit_precision,
-                ..
-            } if size == 4 && full(size, bit_precision) => Ok(NumberType::I32),
-            DatatypeMessage::FloatingPoint { .. } => match datatype.ieee_format() {
-                Some(IeeeFormat::Binary32) => Ok(NumberType::F32),
-                Some(IeeeFormat::Binary64) => Ok(NumberType::F64),
-                Some(IeeeFormat::Binary16) | None => Err(datatype.to_string()),
-            },
-            other => Err(other.to_string()),
+        // Describing a damaged type may panic too, so that is inside.
+        guarded(|| {
+            let datatype = self.inner.datatype()?;
+            Ok::<_, ::hdf5::Hdf5Error>(match channel_type(&datatype) {
+                Some(kind) => Ok(kind),
+                None => Err(datatype.to_string()),
+            })
         })
     }
 
@@ -453,4 +455,25 @@ fn big_endian(mut datatype: DatatypeMessage) -> DatatypeMessage {
         _ => {}
     }
     datatype
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_in_the_library_is_an_error() {
+        let numbers: Vec<u8> = Vec::new();
+        let error = guarded(|| Ok::<u8, String>(numbers[0])).unwrap_err();
+        assert!(error.to_string().contains("gave up: index out of bounds"), "{error}");
+        assert!(!QUIET.get(), "other panics are reported as ever");
+        assert_eq!(guarded(|| Ok::<u8, String>(7)).unwrap(), 7);
+    }
+
+    #[test]
+    fn filters_are_named() {
+        assert_eq!(filter_name(1), Ok("gzip"));
+        assert_eq!(filter_name(32013), Err("filter zfp (number 32013)".into()));
+        assert_eq!(filter_name(999), Err("filter number 999".into()));
+    }
 }

@@ -4,8 +4,11 @@ use super::error::CaptureError;
 use super::hdf5::{NewFile, NewStorage};
 use super::reader::{CaptureReader, ReadReport};
 use super::writer::{CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage};
+use crate::machine::Machine;
+use crate::machine::limits::Limits;
+use crate::machine::sensor::{Sensor, SensorKind};
 use crate::signal::{Block, SampleIndex, Timestamp};
-use crate::units::{Hz, Unit};
+use crate::units::{Hz, SourceUnit, Unit};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -332,4 +335,52 @@ fn oversized_chunks_and_broken_segments_are_named() {
         file.group("segments").unwrap();
     });
     assert!(refused(&path).contains("/segments/start_sample"));
+}
+
+fn machine_with(sensors: Vec<Sensor>) -> Machine {
+    Machine {
+        id: "rig-1".into(),
+        name: "rig".into(),
+        iso_group: None,
+        power_kw: None,
+        shafts: Vec::new(),
+        bearings: Vec::new(),
+        motors: Vec::new(),
+        gears: Vec::new(),
+        sensors,
+        limits: Limits::default(),
+    }
+}
+
+fn sensor(channel: &str, unit: &str) -> Sensor {
+    Sensor {
+        channel: channel.into(),
+        kind: SensorKind::Accelerometer,
+        unit: SourceUnit::parse(unit).map(|parsed| (unit.to_owned(), parsed)),
+        at: None,
+        axis_deg: None,
+        direction: None,
+        usable: None,
+        sensitivity_v_per_unit: None,
+        tacho: None,
+    }
+}
+
+#[test]
+fn the_machine_files_unit_scales_the_samples_and_absent_channels_are_listed() {
+    let (_folder, path) = scratch();
+    let mut writer = CaptureWriter::create(&path, &CaptureHeader::default()).unwrap();
+    let plain = ChannelStorage::Contiguous;
+    writer.channel(&channel("x", 100.0, plain), ChannelSamples::F32(&[1.0, -2.0])).unwrap();
+    writer.finish().unwrap();
+    let machine = machine_with(vec![sensor("x", "g"), sensor("z", "g")]);
+    let mut reader = CaptureReader::open(&path, Some(&machine)).unwrap();
+    let info = reader.info();
+    assert_eq!(info.absent_channels, ["z"]);
+    let conflict = Some(("m/s^2".to_owned(), "g".to_owned()));
+    assert_eq!(info.channels[0].info.unit_conflict, conflict);
+    assert!(info.to_string().contains("channel z: named by a sensor"), "{info}");
+    // 1 g = 9.80665 m/s², rounded to f32 once.
+    assert_eq!(reader.next_block().unwrap().unwrap().samples, [9.806_65, -19.613_3]);
+    assert_eq!(reader.next_block().unwrap(), None);
 }
