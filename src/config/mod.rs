@@ -8,7 +8,6 @@ pub mod keys;
 mod scan;
 mod raw;
 mod resolve;
-mod machine_file;
 
 use crate::ingest::replay;
 use crate::machine::Machine;

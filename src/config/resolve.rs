@@ -5,7 +5,6 @@ use super::MachineConfig;
 use super::SourceConfig;
 use super::Store;
 use super::keys;
-use super::machine_file;
 use super::raw;
 use super::raw::Raw;
 use super::scan::Scan;
@@ -183,15 +182,16 @@ impl Resolver<'_> {
                 return None;
             }
         };
-        match machine_file::parse(&text) {
+        match crate::machine::file::parse(&text, &file.display().to_string()) {
             Ok(machine) => Some(machine),
-            Err(messages) => {
+            Err(errors) => {
                 let place = file.display().to_string();
-                self.scan.problems.extend(
-                    messages
-                        .into_iter()
-                        .map(|message| super::Problem { place: place.clone(), message }),
-                );
+                let mistakes = errors.to_string();
+                let prefix = format!("{place}:");
+                self.scan.problems.extend(mistakes.lines().map(|line| super::Problem {
+                    place: place.clone(),
+                    message: line.strip_prefix(&prefix).unwrap_or(line).to_owned(),
+                }));
                 None
             }
         }

@@ -29,8 +29,8 @@ pub fn absolute_vibration<T: Real>(x: &[T], y: &[T], out: &mut [T]) {
     let mean_x = stats::mean(x).unwrap_or(0.0);
     let mean_y = stats::mean(y).unwrap_or(0.0);
     for ((out, x), y) in out.iter_mut().zip(x).zip(y) {
-        let (x, y) = (x.to_f64() - mean_x, y.to_f64() - mean_y);
-        *out = T::rounded((x * x + y * y).sqrt());
+        let (x, y) = (T::rounded(x.to_f64() - mean_x), T::rounded(y.to_f64() - mean_y));
+        *out = (x * x + y * y).square_root();
     }
     remove_mean(out);
 }

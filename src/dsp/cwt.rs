@@ -217,7 +217,8 @@ impl<T: Real> ScalogramPlan<T> {
         let plan = self.rows.get(row)?;
         let valid = plan.valid_range();
         let per_column = plan.out_len() / self.n_columns;
-        Some(valid.start.div_ceil(per_column)..valid.end / per_column)
+        let end = valid.end / per_column;
+        Some(valid.start.div_ceil(per_column).min(end)..end)
     }
 
     /// Writes the picture row by row; a column holds the largest value of its share of the record.

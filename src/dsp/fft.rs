@@ -1,7 +1,7 @@
 //! Transforms: one forward FFT that many kernels share, and inverses of a band of its bins.
 //!
 //! A spectrum `x_hat` is always the unnormalised one-sided DFT of n real samples with their mean
-//! removed: X_k = Σ (x[i] − x̄) e^(−j2πki/n), k = 0…⌊n/2⌋ (D5). Must not know what a bin stands for.
+//! removed: `X_k = Σ (x[i] − x̄) e^(−j2πki/n)`, k = 0…⌊n/2⌋ (D5). Must not know what a bin stands for.
 
 use std::fmt;
 use std::ops::Range;

@@ -4,6 +4,7 @@
 //! speed taken as constant. Revolution 0 is at the first pulse (at t = 0 for a constant speed). Must
 //! not know where the pulses come from.
 
+use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 
 /// Intervals on either side of one that decide what a normal interval is.
@@ -54,12 +55,13 @@ impl PhaseTrack {
             sorted[..around.len()].copy_from_slice(around);
             let normal_s = stats::median(&mut sorted[..around.len()])?;
             let n_intervals = (time_s - last_s) / normal_s;
-            if n_intervals.is_nan() || n_intervals < 0.5 {
+            // Not a number or infinite: repeated times around.
+            if !n_intervals.is_finite() || n_intervals < 0.5 {
                 n_double += 1;
                 continue;
             }
             let n_intervals = n_intervals.round().max(1.0);
-            n_missing += crate::dsp::real::floor_index(n_intervals) - 1;
+            n_missing += floor_index(n_intervals - 1.0);
             n_pulses += n_intervals;
             last_s = *time_s;
             times_s.push(*time_s);
@@ -227,6 +229,7 @@ mod tests {
         assert_eq!(PhaseTrack::from_pulses(&[], 1), None);
         assert_eq!(PhaseTrack::from_pulses(&[1.0], 1), None);
         assert_eq!(PhaseTrack::from_pulses(&[1.0, 1.0], 1), None);
+        assert_eq!(PhaseTrack::from_pulses(&[1.0, 1.0, 1.0, 1.0, 2.0], 1), None);
         assert_eq!(PhaseTrack::from_pulses(&[1.0, 2.0], 0), None);
         let track = PhaseTrack::from_pulses(&[1.0, 2.0], 4).unwrap();
         assert_eq!(track.relative_excursion(), None, "a quarter of a revolution");

@@ -215,23 +215,30 @@ fn of_block<T: Real>(x: &[T]) -> Moments {
     let centre = sum_shifted(x, shift) / x.len() as f64;
     let (mut m2, mut m3, mut m4) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     let (mut min, mut max) = ([*first; LANES], [*first; LANES]);
-    let mut add = |lane: usize, value: T| {
-        let d = (value.to_f64() - shift) - centre;
-        let square = d * d;
-        m2[lane] += square;
-        m3[lane] += square * d;
-        m4[lane] += square * square;
-        min[lane] = if value < min[lane] { value } else { min[lane] };
-        max[lane] = if value > max[lane] { value } else { max[lane] };
-    };
     let (chunks, rest) = x.as_chunks::<LANES>();
     for chunk in chunks {
-        for (lane, value) in chunk.iter().enumerate() {
-            add(lane, *value);
+        for lane in 0..LANES {
+            let value = chunk[lane];
+            min[lane] = if value < min[lane] { value } else { min[lane] };
+            max[lane] = if value > max[lane] { value } else { max[lane] };
         }
     }
-    for (lane, value) in rest.iter().enumerate() {
-        add(lane, *value);
+    for chunk in chunks {
+        for lane in 0..LANES {
+            let d = (chunk[lane].to_f64() - shift) - centre;
+            let square = d * d;
+            m2[lane] += square;
+            m3[lane] += square * d;
+            m4[lane] += square * square;
+        }
+    }
+    for (lane, &value) in rest.iter().enumerate() {
+        let d = (value.to_f64() - shift) - centre;
+        m2[lane] += d * d;
+        m3[lane] += d * d * d;
+        m4[lane] += d * d * d * d;
+        min[lane] = if value < min[lane] { value } else { min[lane] };
+        max[lane] = if value > max[lane] { value } else { max[lane] };
     }
     Moments {
         n: x.len() as u64,

@@ -17,7 +17,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Signed cosine-series coefficients a_i of w[n] = Σ a_i cos(2πin/N) (D4).
+    /// Signed cosine-series coefficients a_i of `w[n] = Σ a_i cos(2πin/N)` (D4).
     #[must_use]
     pub fn coefficients(self) -> &'static [f64] {
         match self {
