@@ -14,6 +14,7 @@ pub mod diagnosis;
 pub mod alarms;
 pub mod pipeline;
 pub mod capture;
+pub mod offline;
 pub mod ingest;
 pub mod api;
 pub mod dashboard;

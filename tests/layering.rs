@@ -22,6 +22,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms"],
     ),
     ("capture", &["units", "signal", "machine"]),
+    ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "capture"]),
     (
         "api",

@@ -3,6 +3,7 @@
 //! Results go to stdout, logs and errors to stderr. Exit codes: 0 success, 1 a verdict asked for by
 //! an option, 2 an error.
 
+pub mod diagnose;
 pub mod serve;
 pub mod completions;
 pub mod man;
@@ -55,6 +56,8 @@ pub enum LogFormatArgument {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Diagnose captures.
+    Diagnose(diagnose::Arguments),
     /// Run the daemon.
     Serve(serve::Arguments),
     /// Print the completions of a shell.
@@ -75,6 +78,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         return fail(&error);
     }
     match &cli.command {
+        Command::Diagnose(arguments) => diagnose::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),
         Command::Man => man::run(),

@@ -4,7 +4,7 @@
 //! first segments of a run). A ratio is judged in logarithms against the scatter between records.
 
 use super::verdict::BaselineUse;
-use crate::features::WindowFeatures;
+use crate::features::ChannelFeatures;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use std::collections::BTreeMap;
@@ -30,11 +30,16 @@ pub struct Record {
 }
 
 impl Record {
-    /// Averages the windows of a record; features that are not positive are left out.
+    /// Averages the windows of a record, each with its speed; features that are not positive are
+    /// left out.
     #[must_use]
-    pub fn of_windows(name: &str, windows: &[WindowFeatures], channels: &[ChannelInfo]) -> Self {
+    pub fn of_windows(
+        name: &str,
+        windows: &[(Option<Hz>, Vec<ChannelFeatures>)],
+        channels: &[ChannelInfo],
+    ) -> Self {
         let mut sums: BTreeMap<(String, String), (f64, f64)> = BTreeMap::new();
-        for features in windows.iter().flat_map(|w| &w.channels) {
+        for features in windows.iter().flat_map(|(_, features)| features) {
             let channel = &channels[features.channel.0].name;
             for feature in features.values.iter().filter(|f| f.value > 0.0) {
                 let key = (channel.clone(), feature.name.to_string());
@@ -44,7 +49,7 @@ impl Record {
             }
         }
         let log_values = sums.into_iter().map(|(key, (sum, n))| (key, sum / n)).collect();
-        let speed = windows.iter().find_map(|w| w.speed.first);
+        let speed = windows.iter().find_map(|(speed, _)| *speed);
         Self { name: name.to_owned(), speed, log_values }
     }
 }
@@ -104,7 +109,8 @@ impl Baseline {
     #[must_use]
     pub fn compare(&self, channel: &str, feature: &str, value: f64) -> Option<Comparison> {
         let key = (channel.to_owned(), feature.to_owned());
-        let logs: Vec<f64> = self.records.iter().filter_map(|r| r.log_values.get(&key).copied()).collect();
+        let logs: Vec<f64> =
+            self.records.iter().filter_map(|r| r.log_values.get(&key).copied()).collect();
         if logs.is_empty() || value <= 0.0 {
             return None;
         }
@@ -127,7 +133,11 @@ mod tests {
 
     fn record(name: &str, speed: f64, value: f64) -> Record {
         let key = ("x".to_owned(), "rms".to_owned());
-        Record { name: name.into(), speed: Some(Hz(speed)), log_values: BTreeMap::from([(key, value.ln())]) }
+        Record {
+            name: name.into(),
+            speed: Some(Hz(speed)),
+            log_values: BTreeMap::from([(key, value.ln())]),
+        }
     }
 
     #[test]
@@ -152,7 +162,10 @@ mod tests {
 
     #[test]
     fn records_at_another_speed_are_listed_but_not_used() {
-        let baseline = Baseline { records: vec![record("a", 10.0, 1.0), record("b", 12.0, 1.0)], provisional: false };
+        let baseline = Baseline {
+            records: vec![record("a", 10.0, 1.0), record("b", 12.0, 1.0)],
+            provisional: false,
+        };
         let (used, told) = baseline.at_speed(Some(Hz(10.2)));
         assert_eq!(used.records.len(), 1);
         assert!(told[0].used && !told[1].used && told[1].reason.contains("12.00 Hz"));

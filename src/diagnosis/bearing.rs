@@ -34,8 +34,8 @@ const COMPETING_DEPTH: f64 = severity::WARNING_DEPTH / 2.0;
 const BAND_PROBABILITY: f64 = 1e-4;
 
 /// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
-/// more than chance and less than a verdict.
-const AMBIGUOUS_PART: f64 = 1.0 / 3.0;
+/// more than chance and less than a verdict: structural lines fill one of four bands at most.
+const AMBIGUOUS_PART: f64 = 0.25 + 1e-9;
 
 /// Such lines must at least be this deep.
 const AMBIGUOUS_DEPTH: f64 = 0.15;
@@ -98,15 +98,22 @@ impl<'a> Candidate<'a> {
     /// this bearing among which the strongest is picked.
     fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
         let readings = search.outcome.as_deref().unwrap_or(&[]);
-        let own = |r: &BandReading| {
-            !accepted.iter().any(|a| {
-                (a.bearing, a.line) != (search.bearing, search.line) && a.explains(r.frequency, search.resolution)
-            })
-        };
-        let probabilities: Vec<f64> =
-            readings.iter().map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 }).collect();
-        let showing = |r: &&BandReading| own(r) && confidence::band_probability(r) <= BAND_PROBABILITY;
-        let best = readings.iter().filter(showing).max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()));
+        // A line is weighed as it was accepted: against those accepted before it.
+        let before =
+            accepted.iter().take_while(|a| (a.bearing, a.line) != (search.bearing, search.line));
+        let before: Vec<&Accepted<'_>> = before.collect();
+        let own =
+            |r: &BandReading| !before.iter().any(|a| a.explains(r.frequency, search.resolution));
+        let probabilities: Vec<f64> = readings
+            .iter()
+            .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
+            .collect();
+        let showing =
+            |r: &&BandReading| own(r) && confidence::band_probability(r) <= BAND_PROBABILITY;
+        let best = readings
+            .iter()
+            .filter(showing)
+            .max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()));
         Self {
             search,
             n_bands: readings.len(),
@@ -117,7 +124,8 @@ impl<'a> Candidate<'a> {
     }
 
     fn is_proven(&self) -> bool {
-        self.probability <= confidence::FALSE_ALARM_PROBABILITY && self.depth() >= severity::WARNING_DEPTH
+        self.probability <= confidence::FALSE_ALARM_PROBABILITY
+            && self.depth() >= severity::WARNING_DEPTH
     }
 }
 
@@ -131,22 +139,39 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
 }
 
 fn n_looks(features: &WindowFeatures, bearing: BearingIndex) -> f64 {
-    features.bearing_lines.iter().filter(|s| s.bearing == bearing && s.outcome.is_ok()).count() as f64
+    features.bearing_lines.iter().filter(|s| s.bearing == bearing && s.outcome.is_ok()).count()
+        as f64
 }
 
 /// Accepts proven lines, strongest first, until none is left that the accepted do not explain.
+///
+/// Cage lines come last and only for bearings without another: every defect's line carries the
+/// cage rate as soon as the elements differ from one another.
 fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
-    let mut accepted: Vec<Accepted<'_>> = Vec::new();
+    let mut accepted = Vec::new();
+    accept_among(features, &mut accepted, |line| line != DefectLine::Ftf);
+    let with_race: Vec<BearingIndex> = accepted.iter().map(|a| a.bearing).collect();
+    accept_among(features, &mut accepted, |line| line == DefectLine::Ftf);
+    accepted.retain(|a| a.line != DefectLine::Ftf || !with_race.contains(&a.bearing));
+    accepted
+}
+
+fn accept_among<'a>(
+    features: &'a WindowFeatures,
+    accepted: &mut Vec<Accepted<'a>>,
+    eligible: impl Fn(DefectLine) -> bool,
+) {
     loop {
         let next = features
             .bearing_lines
             .iter()
+            .filter(|s| eligible(s.line))
             .filter(|s| !accepted.iter().any(|a| (a.bearing, a.line) == (s.bearing, s.line)))
-            .map(|s| Candidate::weigh(s, &accepted, n_looks(features, s.bearing)))
+            .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
             .filter(Candidate::is_proven)
             .max_by(|a, b| (a.depth() * a.part()).total_cmp(&(b.depth() * b.part())));
         let Some((candidate, best)) = next.as_ref().and_then(|c| c.best.map(|b| (c, b))) else {
-            return accepted;
+            return;
         };
         let search = heard_best(features, candidate, best.frequency);
         accepted.push(Accepted {
@@ -160,7 +185,11 @@ fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
 }
 
 /// Among equal bearings the line belongs to the one whose sensor shows it with the most power.
-fn heard_best<'a>(features: &'a WindowFeatures, candidate: &Candidate<'a>, frequency: Hz) -> &'a LineSearch {
+fn heard_best<'a>(
+    features: &'a WindowFeatures,
+    candidate: &Candidate<'a>,
+    frequency: Hz,
+) -> &'a LineSearch {
     features
         .bearing_lines
         .iter()
@@ -182,7 +211,8 @@ fn judge_one(
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
 ) -> ComponentDiagnosis {
-    let searches: Vec<&LineSearch> = features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
+    let searches: Vec<&LineSearch> =
+        features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
     let mut verdict = blank(bearing, context);
     if let Some(why) = cannot_look(bearing, &searches, features, context) {
         verdict.why = why;
@@ -232,7 +262,9 @@ fn cannot_look(
     let described = &context.machine.bearings[bearing.0];
     if described.geometry.is_none() {
         let name = described.catalogue.as_deref().unwrap_or("unnamed");
-        return Some(format!("geometry of `{name}` is not known: state elements and diameters in the machine file"));
+        return Some(format!(
+            "geometry of `{name}` is not known: state elements and diameters in the machine file"
+        ));
     }
     if features.speed.first.is_none() {
         return Some("shaft speed is not known".to_owned());
@@ -259,10 +291,15 @@ fn unreadable(search: &LineSearch, reason: &Unreadable) -> String {
             needed.0, usable.0
         ),
         Unreadable::TooShort { needed_s } => {
-            format!("window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics")
+            format!(
+                "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics"
+            )
         }
         Unreadable::Coincides { with } => {
-            format!("{line} coincides with {with} within the resolution of {:.2} Hz", search.resolution.0)
+            format!(
+                "{line} coincides with {with} within the resolution of {:.2} Hz",
+                search.resolution.0
+            )
         }
     }
 }
@@ -280,8 +317,10 @@ fn accuse(
     let severity = severity::of_depth(depth);
     let rival = candidates
         .iter()
-        .filter(|c| c.search.line != first.search.line)
-        .filter(|c| c.probability <= confidence::FALSE_ALARM_PROBABILITY && c.depth() >= COMPETING_DEPTH)
+        .filter(|c| c.search.line != first.search.line && c.search.line != DefectLine::Ftf)
+        .filter(|c| {
+            c.probability <= confidence::FALSE_ALARM_PROBABILITY && c.depth() >= COMPETING_DEPTH
+        })
         .max_by(|a, b| a.power_ratio().total_cmp(&b.power_ratio()));
     let leads = rival.is_none_or(|r| {
         first.power_ratio() >= LEAD_POWER_RATIO * r.power_ratio() && first.n_showing > r.n_showing
@@ -327,7 +366,8 @@ fn fault_of(line: DefectLine, _context: &Context<'_>, _verdict: &ComponentDiagno
 /// the agreement of bands and the distance from the threshold leave.
 fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures) -> f64 {
     let agreement = 0.6 + 0.4 * candidate.part();
-    let margin = 1.0 - 0.25 * (severity::WARNING_DEPTH / candidate.depth().max(severity::WARNING_DEPTH)).powi(2);
+    let margin = 1.0
+        - 0.25 * (severity::WARNING_DEPTH / candidate.depth().max(severity::WARNING_DEPTH)).powi(2);
     let speed = 0.5 + 0.5 * features.speed.confidence;
     (agreement * margin * speed * (1.0 - candidate.probability)).min(0.99)
 }
@@ -376,7 +416,11 @@ fn acquit(
     verdict.state = State::Healthy;
     verdict.severity = Some(severity::of_depth(strongest).min(severity::WARNING - 1e-6));
     verdict.confidence = Some(0.9 * (0.5 + 0.5 * features.speed.confidence));
-    verdict.why = match candidates.iter().filter(|c| c.n_showing > 0).max_by(|a, b| a.depth().total_cmp(&b.depth())) {
+    verdict.why = match candidates
+        .iter()
+        .filter(|c| c.n_showing > 0)
+        .max_by(|a, b| a.depth().total_cmp(&b.depth()))
+    {
         Some(c) if c.depth() > 0.0 => format!(
             "no defect line of effect: the deepest is {} with modulation depth {:.2} in {} of {} bands (accused from {:.2} in most)",
             c.search.line.name(),
@@ -390,25 +434,36 @@ fn acquit(
     if !accepted.is_empty() {
         verdict.why.push_str("; lines of the accused bearing were set aside");
     }
-    for search in searches {
-        if let Err(reason) = &search.outcome {
+    for line in DefectLine::ALL {
+        let mut of_line = searches.iter().filter(|s| s.line == line);
+        if of_line.clone().any(|s| s.outcome.is_ok()) {
+            continue;
+        }
+        if let Some((search, reason)) =
+            of_line.find_map(|s| s.outcome.as_ref().err().map(|e| (s, e)))
+        {
             verdict.why.push_str("; not looked for: ");
             verdict.why.push_str(&unreadable(search, reason));
         }
     }
 }
 
-/// Significant lines of two elements, one of them in a third of the bands, none of effect.
+/// Lines of two elements in one channel, each in a quarter of the bands, none of effect.
 fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
-    let notable = |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.n_showing >= 2;
-    let mut lines: Vec<DefectLine> = candidates.iter().filter(notable).map(|c| c.search.line).collect();
-    lines.sort_unstable();
-    lines.dedup();
-    let spread = candidates.iter().filter(notable).map(Candidate::part).fold(0.0, f64::max);
-    if lines.len() < 2 || spread < AMBIGUOUS_PART {
-        return None;
-    }
-    let names: Vec<&str> = lines.iter().map(|l| l.name()).collect();
+    let notable = |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.part() >= AMBIGUOUS_PART;
+    let found: Vec<&Candidate<'_>> = candidates.iter().filter(notable).collect();
+    let channel = found.iter().map(|c| c.search.channel).find(|channel| {
+        found
+            .iter()
+            .filter(|c| c.search.channel == *channel && c.search.line != DefectLine::Ftf)
+            .count()
+            > 1
+    })?;
+    let names: Vec<&str> = found
+        .iter()
+        .filter(|c| c.search.channel == channel)
+        .map(|c| c.search.line.name())
+        .collect();
     Some(format!(
         "weak lines of several elements ({}): more than chance, too little effect to name a cause",
         names.join(", ")
@@ -426,7 +481,9 @@ fn evidence(
     for line in DefectLine::ALL {
         let of_line = candidates.iter().filter(|c| c.search.line == line);
         if let Some(best) = of_line.max_by(|a, b| {
-            (a.depth(), -a.probability).partial_cmp(&(b.depth(), -b.probability)).unwrap_or(std::cmp::Ordering::Equal)
+            (a.depth(), -a.probability)
+                .partial_cmp(&(b.depth(), -b.probability))
+                .unwrap_or(std::cmp::Ordering::Equal)
         }) {
             found.push(envelope_evidence(best, context));
         }

@@ -32,7 +32,11 @@ struct Finding {
 
 /// Judges the level; `explained`: a component is accused already, so a raised level adds no cause.
 #[must_use]
-pub fn judge(features: &WindowFeatures, context: &Context<'_>, explained: bool) -> ComponentDiagnosis {
+pub fn judge(
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    explained: bool,
+) -> ComponentDiagnosis {
     let mut verdict = ComponentDiagnosis {
         id: context.machine.id.clone(),
         kind: ComponentKind::Machine,
@@ -50,7 +54,8 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>, explained: bool) 
         findings.extend(against_limits(channel, context));
         findings.extend(against_baseline(channel, features, context));
     }
-    let worst = findings.iter().filter(|f| f.proven).max_by(|a, b| a.severity.total_cmp(&b.severity));
+    let worst =
+        findings.iter().filter(|f| f.proven).max_by(|a, b| a.severity.total_cmp(&b.severity));
     let highest = findings.iter().max_by(|a, b| a.severity.total_cmp(&b.severity));
     match (worst, highest) {
         (Some(found), _) if severity::state(found.severity).is_accusation() => {
@@ -60,7 +65,8 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>, explained: bool) 
                 verdict.state = severity::state(found.severity);
                 verdict.fault = Some(FaultMode::AbnormalLevel);
                 verdict.severity = Some(found.severity);
-                verdict.confidence = Some((0.95 * (1.0 - found.probability.unwrap_or(0.0))).min(0.99));
+                verdict.confidence =
+                    Some((0.95 * (1.0 - found.probability.unwrap_or(0.0))).min(0.99));
                 verdict.why = format!("{}, cause not proven", found.text);
             }
         }
@@ -88,7 +94,8 @@ fn against_limits(channel: &ChannelFeatures, context: &Context<'_>) -> Option<Fi
         severity::WARNING * (value / warning) * (1.0 - 1e-9)
     } else if value <= damaged {
         severity::WARNING
-            + (severity::DAMAGED - severity::WARNING) * (value - warning) / (damaged - warning) * (1.0 - 1e-9)
+            + (severity::DAMAGED - severity::WARNING) * (value - warning) / (damaged - warning)
+                * (1.0 - 1e-9)
     } else {
         severity::of_ratio(value / damaged * DAMAGED_RATIO, WARNING_RATIO, DAMAGED_RATIO)
     };
@@ -96,7 +103,9 @@ fn against_limits(channel: &ChannelFeatures, context: &Context<'_>) -> Option<Fi
         severity,
         proven: true,
         probability: None,
-        text: format!("velocity RMS {value:.2} mm/s of {name} (limits {warning:.2} and {damaged:.2})"),
+        text: format!(
+            "velocity RMS {value:.2} mm/s of {name} (limits {warning:.2} and {damaged:.2})"
+        ),
         evidence: Evidence {
             indicator: overall::VELOCITY_RMS.to_owned(),
             channel: name.to_owned(),

@@ -69,9 +69,14 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
     let machine = context.machine;
     let signs: Vec<ShaftSigns> =
         (0..machine.shafts.len()).map(|s| signs(ShaftIndex(s), features, context)).collect();
-    let mut verdicts: Vec<ComponentDiagnosis> =
-        signs.iter().enumerate().map(|(s, signs)| judge_shaft(ShaftIndex(s), signs, features, context)).collect();
-    verdicts.extend((0..machine.gears.len()).map(|g| judge_gear(GearIndex(g), &signs, features, context)));
+    let mut verdicts: Vec<ComponentDiagnosis> = signs
+        .iter()
+        .enumerate()
+        .map(|(s, signs)| judge_shaft(ShaftIndex(s), signs, features, context))
+        .collect();
+    verdicts.extend(
+        (0..machine.gears.len()).map(|g| judge_gear(GearIndex(g), &signs, features, context)),
+    );
     verdicts
 }
 
@@ -79,10 +84,15 @@ fn signs(shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) ->
     let machine = context.machine;
     let id = &machine.shaft(shaft).id;
     let hears = |channel: &ChannelFeatures, kind: SensorKind| {
-        let sensor = machine.sensors.iter().find(|s| s.channel == context.channel_name(channel.channel));
-        sensor.is_some_and(|s| s.kind == kind && machine.shaft_at(s).is_none_or(|at| same_speed(at, shaft, context)))
+        let sensor =
+            machine.sensors.iter().find(|s| s.channel == context.channel_name(channel.channel));
+        sensor.is_some_and(|s| {
+            s.kind == kind && machine.shaft_at(s).is_none_or(|at| same_speed(at, shaft, context))
+        })
     };
-    let of_kind = |kind: SensorKind| features.channels.iter().filter(move |c| hears(c, kind)).collect::<Vec<_>>();
+    let of_kind = |kind: SensorKind| {
+        features.channels.iter().filter(move |c| hears(c, kind)).collect::<Vec<_>>()
+    };
     let probes = of_kind(SensorKind::Proximitor);
     let housings = of_kind(SensorKind::Accelerometer);
     let displacement = strongest(&probes, &[shaft::line_name(1, id)], features, context);
@@ -124,7 +134,10 @@ fn strongest(
         for name in names {
             let Some(feature) = channel.values.iter().find(|f| *f.name == **name) else { continue };
             let channel_name = context.channel_name(channel.channel);
-            let Some(comparison) = context.baseline.compare(channel_name, name, feature.value) else { continue };
+            let Some(comparison) = context.baseline.compare(channel_name, name, feature.value)
+            else {
+                continue;
+            };
             found.push(indicator(name, channel_name, channel, comparison, features));
         }
     }
@@ -182,12 +195,19 @@ fn cannot_look(features: &WindowFeatures, context: &Context<'_>) -> Option<Strin
     if features.speed.first.is_none() {
         return Some("shaft speed is not known".to_owned());
     }
-    let probe = context.machine.sensors.iter().zip(context.channel_of_sensor).any(|(s, channel)| {
-        s.kind == SensorKind::Proximitor && channel.is_some()
-    });
+    let probe = context
+        .machine
+        .sensors
+        .iter()
+        .zip(context.channel_of_sensor)
+        .any(|(s, channel)| s.kind == SensorKind::Proximitor && channel.is_some());
     context.baseline.records.is_empty().then(|| {
-        if probe { "no baseline to compare the displacement with" } else { "no proximity probe and no baseline" }
-            .to_owned()
+        if probe {
+            "no baseline to compare the displacement with"
+        } else {
+            "no proximity probe and no baseline"
+        }
+        .to_owned()
     })
 }
 
@@ -204,7 +224,8 @@ fn judge_shaft(
         return verdict;
     }
     let indicators = [&signs.displacement, &signs.cwt];
-    verdict.evidence = indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
+    verdict.evidence =
+        indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
     let local_up = signs.local.iter().any(|(_, i)| i.as_ref().is_some_and(Indicator::is_up));
     match (&signs.displacement, &signs.cwt) {
         (Some(d), _) if d.is_up() => {
@@ -214,10 +235,18 @@ fn judge_shaft(
                 "1× displacement is {:.1} times its baseline in {}{}",
                 d.ratio,
                 d.evidence.channel,
-                if bow { "; unbalance would need more than ten times G 40" } else { ", cause not proven" }
+                if bow {
+                    "; unbalance would need more than ten times G 40"
+                } else {
+                    ", cause not proven"
+                }
             );
         }
-        (Some(d), _) => acquit(&mut verdict, format!("1× displacement is {:.2} times its baseline", d.ratio), features),
+        (Some(d), _) => acquit(
+            &mut verdict,
+            format!("1× displacement is {:.2} times its baseline", d.ratio),
+            features,
+        ),
         (None, Some(c)) if c.is_up() && signs.local.is_empty() => {
             accuse(&mut verdict, c, None, features);
             verdict.why = format!(
@@ -234,25 +263,36 @@ fn judge_shaft(
                 c.ratio
             );
         }
-        (None, Some(c)) => acquit(&mut verdict, format!("CWT amplitude at 1× is {:.2} times its baseline", c.ratio), features),
+        (None, Some(c)) => acquit(
+            &mut verdict,
+            format!("CWT amplitude at 1× is {:.2} times its baseline", c.ratio),
+            features,
+        ),
         (None, None) => verdict.why = "the baseline has no 1× amplitude of this shaft".to_owned(),
     }
     verdict
 }
 
-fn accuse(verdict: &mut ComponentDiagnosis, by: &Indicator, fault: Option<FaultMode>, features: &WindowFeatures) {
+fn accuse(
+    verdict: &mut ComponentDiagnosis,
+    by: &Indicator,
+    fault: Option<FaultMode>,
+    features: &WindowFeatures,
+) {
     let severity = severity::of_ratio(by.ratio, UP_RATIO, DAMAGED_RATIO);
     verdict.state = severity::state(severity);
     verdict.fault = fault;
     verdict.severity = Some(severity);
     let named = if fault.is_some() { 0.85 } else { 0.9 };
-    verdict.confidence = Some(named * (0.5 + 0.5 * features.speed.confidence) * (1.0 - by.probability));
+    verdict.confidence =
+        Some(named * (0.5 + 0.5 * features.speed.confidence) * (1.0 - by.probability));
 }
 
 fn acquit(verdict: &mut ComponentDiagnosis, why: String, features: &WindowFeatures) {
     verdict.state = State::Healthy;
     let ratio = verdict.evidence.first().map_or(1.0, |e| e.value);
-    verdict.severity = Some(severity::of_ratio(ratio, UP_RATIO, DAMAGED_RATIO).min(severity::WARNING - 1e-6));
+    verdict.severity =
+        Some(severity::of_ratio(ratio, UP_RATIO, DAMAGED_RATIO).min(severity::WARNING - 1e-6));
     verdict.confidence = Some(0.85 * (0.5 + 0.5 * features.speed.confidence));
     verdict.why = why;
 }
@@ -298,13 +338,20 @@ fn judge_gear(
         .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
         .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio));
     let Some((shaft, signs, local)) = local else {
-        verdict.why = "no synchronous average: a tacho, or a speed confirmed by shaft harmonics, is needed".to_owned();
+        verdict.why =
+            "no synchronous average: a tacho, or a speed confirmed by shaft harmonics, is needed"
+                .to_owned();
         return verdict;
     };
-    verdict.evidence = [Some(local), signs.cwt.as_ref()].into_iter().flatten().map(|i| i.evidence.clone()).collect();
+    verdict.evidence = [Some(local), signs.cwt.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(|i| i.evidence.clone())
+        .collect();
     let cwt_up = signs.cwt.as_ref().is_some_and(Indicator::is_up);
     if !local.is_up() {
-        let why = format!("the localised difference signal is {:.2} times its baseline", local.ratio);
+        let why =
+            format!("the localised difference signal is {:.2} times its baseline", local.ratio);
         acquit(&mut verdict, why, features);
         return verdict;
     }
@@ -321,7 +368,12 @@ fn judge_gear(
 }
 
 /// Member, angle and tooth, as far as the average tells.
-fn finding(gear: GearIndex, shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) -> GearFinding {
+fn finding(
+    gear: GearIndex,
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> GearFinding {
     let described = context.machine.gear(gear);
     let one_to_one = same_speed(described.driving.shaft, described.driven.shaft, context);
     let (side, member) = if same_speed(described.driving.shaft, shaft, context) {
@@ -334,9 +386,11 @@ fn finding(gear: GearIndex, shaft: ShaftIndex, features: &WindowFeatures, contex
         .iter()
         .filter(|r: &&GearReading| r.gear == gear && same_speed(r.shaft, shaft, context))
         .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude));
-    let mut finding = GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };
+    let mut finding =
+        GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };
     if let Some(reading) = reading.filter(|r| r.has_angle) {
-        let offset = context.machine.sensors.iter().find_map(|s| s.tacho).map_or(0.0, |t| t.offset_deg);
+        let offset =
+            context.machine.sensors.iter().find_map(|s| s.tacho).map_or(0.0, |t| t.offset_deg);
         let angle = (reading.localisation.centre_rev * 360.0 + offset).rem_euclid(360.0);
         finding.angle_deg = Some(angle);
         finding.source_zero_crossing_deg = Some(reading.zero_crossing_deg);
@@ -347,8 +401,14 @@ fn finding(gear: GearIndex, shaft: ShaftIndex, features: &WindowFeatures, contex
 
 /// tooth = 1 + round((angle − tooth_1_at)·z/360) mod z.
 fn tooth(angle_deg: f64, tooth_1_at_deg: f64, teeth: u32) -> u32 {
-    let steps = ((angle_deg - tooth_1_at_deg) * f64::from(teeth) / 360.0).round().rem_euclid(f64::from(teeth));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 ≤ steps < teeth")]
+    let steps = ((angle_deg - tooth_1_at_deg) * f64::from(teeth) / 360.0)
+        .round()
+        .rem_euclid(f64::from(teeth));
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 ≤ steps < teeth"
+    )]
     let steps = steps as u32;
     1 + steps
 }

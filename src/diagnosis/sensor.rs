@@ -18,9 +18,12 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
 
 fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<ComponentDiagnosis> {
     let (fault, state, severity, why) = match (reading.flaw, &reading.absent) {
-        (Some(SensorFlaw::Dead), _) => {
-            (Some(FaultMode::Dead), State::Damaged, 1.0, "every sample has the same value".to_owned())
-        }
+        (Some(SensorFlaw::Dead), _) => (
+            Some(FaultMode::Dead),
+            State::Damaged,
+            1.0,
+            "every sample has the same value".to_owned(),
+        ),
         (Some(SensorFlaw::Stuck { part }), _) => (
             Some(FaultMode::Stuck),
             State::Damaged,
@@ -33,7 +36,9 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
             0.25 + 0.25 * part.min(0.99),
             format!("{:.2} % of the samples lie at the end of the range", 100.0 * part),
         ),
-        (None, Some(reason)) => return Some(component(reading, context, State::Undetermined, reason.clone())),
+        (None, Some(reason)) => {
+            return Some(component(reading, context, State::Undetermined, reason.clone()));
+        }
         (None, None) => return None,
     };
     let mut verdict = component(reading, context, state, why);
@@ -43,7 +48,12 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
     Some(verdict)
 }
 
-fn component(reading: &SensorReading, context: &Context<'_>, state: State, why: String) -> ComponentDiagnosis {
+fn component(
+    reading: &SensorReading,
+    context: &Context<'_>,
+    state: State,
+    why: String,
+) -> ComponentDiagnosis {
     ComponentDiagnosis {
         id: context.channel_name(reading.channel).to_owned(),
         kind: ComponentKind::Sensor,

@@ -1,7 +1,7 @@
 //! From component verdicts to the document: the whole state, and several windows made one.
 //!
 //! A capture of several windows or segments has the state of its last 5 % of windows (at least 3):
-//! a component is accused when more than half of them accuse it.
+//! a component is accused when more than half of them accuse it, or the newest three all do.
 
 use super::Context;
 use super::fault::ComponentKind;
@@ -98,7 +98,9 @@ pub fn judge_window(
             .sensors
             .iter()
             .filter(|s| s.absent.is_none())
-            .map(|s| (context.channel_name(s.channel).to_owned(), s.sample_range.0, s.sample_range.1))
+            .map(|s| {
+                (context.channel_name(s.channel).to_owned(), s.sample_range.0, s.sample_range.1)
+            })
             .collect(),
         notes: features.speed.notes.clone(),
         baselines,
@@ -136,7 +138,11 @@ fn operating_state(features: &WindowFeatures, context: &Context<'_>) -> Operatin
 #[must_use]
 pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
     let newest = windows.last()?;
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small part of a length")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small part of a length"
+    )]
     let last_part = (windows.len() as f64 * LAST_PART).ceil() as usize;
     let n_last = last_part.max(FEWEST_WINDOWS).min(windows.len());
     let last = &windows[windows.len() - n_last..];
@@ -159,7 +165,8 @@ pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
 /// Makes the document of one window.
 #[must_use]
 pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
-    let since = |level: State| (whole_state(&window.components) >= level).then_some(window.time_s.0);
+    let since =
+        |level: State| (whole_state(&window.components) >= level).then_some(window.time_s.0);
     Diagnosis {
         machine: machine.to_owned(),
         duration_s: window.time_s.1 - window.time_s.0,
@@ -200,7 +207,8 @@ fn samples_used(windows: &[Judged]) -> u64 {
 /// One verdict a component from the verdicts of several windows.
 fn merge_components(windows: &[Judged]) -> Vec<ComponentDiagnosis> {
     let Some(newest) = windows.last() else { return Vec::new() };
-    let mut keys: Vec<(ComponentKind, &str)> = newest.components.iter().map(|c| (c.kind, c.id.as_str())).collect();
+    let mut keys: Vec<(ComponentKind, &str)> =
+        newest.components.iter().map(|c| (c.kind, c.id.as_str())).collect();
     for component in windows.iter().flat_map(|w| &w.components) {
         if !keys.contains(&(component.kind, component.id.as_str())) {
             keys.push((component.kind, component.id.as_str()));
@@ -210,25 +218,37 @@ fn merge_components(windows: &[Judged]) -> Vec<ComponentDiagnosis> {
 }
 
 fn merge_component(key: (ComponentKind, &str), windows: &[Judged]) -> Option<ComponentDiagnosis> {
-    let of_key: Vec<&ComponentDiagnosis> =
-        windows.iter().flat_map(|w| &w.components).filter(|c| (c.kind, c.id.as_str()) == key).collect();
-    let accusing: Vec<&ComponentDiagnosis> = of_key.iter().copied().filter(|c| c.state.is_accusation()).collect();
-    if 2 * accusing.len() > windows.len() {
+    let of_key: Vec<&ComponentDiagnosis> = windows
+        .iter()
+        .flat_map(|w| &w.components)
+        .filter(|c| (c.kind, c.id.as_str()) == key)
+        .collect();
+    let accusing: Vec<&ComponentDiagnosis> =
+        of_key.iter().copied().filter(|c| c.state.is_accusation()).collect();
+    let newest_all = of_key.len() >= PERSISTENCE
+        && of_key.iter().rev().take(PERSISTENCE).all(|c| c.state.is_accusation());
+    if newest_all || 2 * accusing.len() > windows.len() {
         let fault = most_frequent(&accusing);
-        let mut with_fault: Vec<&ComponentDiagnosis> = accusing.into_iter().filter(|c| c.fault == fault).collect();
+        let mut with_fault: Vec<&ComponentDiagnosis> =
+            accusing.into_iter().filter(|c| c.fault == fault).collect();
         with_fault.sort_by(|a, b| a.severity.unwrap_or(0.0).total_cmp(&b.severity.unwrap_or(0.0)));
         let mut median = (*with_fault.get(with_fault.len() / 2)?).clone();
         note_windows(&mut median, with_fault.len(), windows.len());
         return Some(median);
     }
-    let calm: Vec<&ComponentDiagnosis> = of_key.iter().copied().filter(|c| !c.state.is_accusation()).collect();
+    let calm: Vec<&ComponentDiagnosis> =
+        of_key.iter().copied().filter(|c| !c.state.is_accusation()).collect();
     let healthy = calm.iter().filter(|c| c.state == State::Healthy).count();
     let wanted = if 2 * healthy > calm.len() { State::Healthy } else { State::Undetermined };
     let newest = calm.iter().rev().find(|c| c.state == wanted).or(calm.last())?;
     let mut verdict = (*newest).clone();
     if !accusing.is_empty() {
-        verdict.why =
-            format!("{} (accused in {} of {} windows, not in most)", verdict.why, accusing.len(), windows.len());
+        verdict.why = format!(
+            "{} (accused in {} of {} windows, not in most)",
+            verdict.why,
+            accusing.len(),
+            windows.len()
+        );
     }
     Some(verdict)
 }
@@ -334,7 +354,8 @@ mod tests {
     #[test]
     fn a_lone_window_does_not_date_the_first_warning() {
         use State::{Healthy, Warning};
-        let found = conclude_states(&[Healthy, Warning, Healthy, Warning, Warning, Warning, Warning]);
+        let found =
+            conclude_states(&[Healthy, Warning, Healthy, Warning, Warning, Warning, Warning]);
         assert_eq!(found.first_warning_s, Some(3.0));
         assert_eq!(found.first_damaged_s, None);
         assert_eq!(found.timeline.unwrap().time_s.len(), 7);

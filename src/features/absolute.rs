@@ -69,7 +69,11 @@ impl AbsoluteSpectrum {
 
     /// Reads one line: its reading, amplitude and floor amplitude.
     #[must_use]
-    pub fn read(&self, task: &LineTask<'_>, scratch: &mut Vec<f32>) -> Option<(BandReading, f64, f64)> {
+    pub fn read(
+        &self,
+        task: &LineTask<'_>,
+        scratch: &mut Vec<f32>,
+    ) -> Option<(BandReading, f64, f64)> {
         let spectrum = DepthSpectrum {
             depth: &self.depth,
             bin_hz: self.bin_hz,

@@ -210,7 +210,8 @@ pub fn read_line(
     let first = bin_at(task.expected.0 * (1.0 + low), spectrum.bin_hz);
     let last = bin_at(task.expected.0 * (1.0 + high), spectrum.bin_hz);
     let found = strongest(spectrum, task, first, last)?;
-    let n_cells = ((last - first) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW).max(0.0) + 1.0;
+    let n_cells =
+        ((last - first) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW).max(0.0) + 1.0;
     let mut harmonics = [None; N_HARMONICS];
     harmonics[0] = measure(spectrum, task, found, n_cells, scratch);
     let fundamental = harmonics[0]?;
@@ -219,19 +220,31 @@ pub fn read_line(
         let h = i + 1;
         let centre = (sums.0 / sums.1 * h as f64).round();
         let reach = h.div_ceil(2);
-        let Some(at) = strongest(spectrum, task, floor_to_usize(centre).saturating_sub(reach), floor_to_usize(centre) + reach)
-        else {
+        let Some(at) = strongest(
+            spectrum,
+            task,
+            floor_to_usize(centre).saturating_sub(reach),
+            floor_to_usize(centre) + reach,
+        ) else {
             continue;
         };
         *slot = measure(spectrum, task, at, 1.0 + h as f64 / 2.0, scratch);
-        if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT) && fundamental.power_ratio > STANDS_OUT {
+        if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT)
+            && fundamental.power_ratio > STANDS_OUT
+        {
             sums.0 += (h * at) as f64;
             sums.1 += (h * h) as f64;
         }
     }
     let frequency = sums.0 / sums.1 * spectrum.bin_hz;
     let side_band = side_band(spectrum, task, frequency, scratch);
-    Some(BandReading { band, frequency: Hz(frequency), harmonics, side_band, mean_square: spectrum.mean_square })
+    Some(BandReading {
+        band,
+        frequency: Hz(frequency),
+        harmonics,
+        side_band,
+        mean_square: spectrum.mean_square,
+    })
 }
 
 /// Reads the stronger of the side bands at ± spacing around `frequency_hz`.
@@ -252,10 +265,17 @@ fn side_band(
 }
 
 /// Strongest bin of `first..=last` that no known line covers.
-fn strongest(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, first: usize, last: usize) -> Option<usize> {
+fn strongest(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    first: usize,
+    last: usize,
+) -> Option<usize> {
     (first.max(2)..=last)
         .filter(|k| *k < spectrum.depth.len())
-        .filter(|k| coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none())
+        .filter(|k| {
+            coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none()
+        })
         .max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]))
 }
 
@@ -284,7 +304,12 @@ fn measure(
     }
     // Half of the independent cells: what a median is worth against a mean for exponential powers.
     let cells = (high - low + 1) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW;
-    Some(Harmonic { power_ratio: depth * depth / floor_power, depth, floor_dof: (cells / 2.0).max(1.0), n_cells })
+    Some(Harmonic {
+        power_ratio: depth * depth / floor_power,
+        depth,
+        floor_dof: (cells / 2.0).max(1.0),
+        n_cells,
+    })
 }
 
 fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
@@ -293,7 +318,11 @@ fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
 
 /// Non-negative float to index; saturates, NaN gives 0.
 fn floor_to_usize(x: f64) -> usize {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate"
+    )]
     let i = x as usize;
     i
 }
@@ -334,17 +363,22 @@ mod tests {
     #[test]
     fn a_slipping_line_and_its_harmonics_are_found() {
         let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
-        let spectrum = DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
         let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
         assert!((reading.frequency.0 - 98.9).abs() < 0.05, "one bin of the grid");
-        assert!((reading.total_depth() - 0.38_f64.sqrt()).abs() < 0.02, "noise of the empty fourth harmonic");
+        assert!(
+            (reading.total_depth() - 0.38_f64.sqrt()).abs() < 0.02,
+            "noise of the empty fourth harmonic"
+        );
         assert!(reading.harmonics[0].unwrap().power_ratio > 1000.0);
     }
 
     #[test]
     fn a_known_line_is_not_read_as_a_defect() {
         let depth = spectrum_with(100.0, &[0.5], 0.05);
-        let spectrum = DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
         let known = [KnownLine { frequency: Hz(100.0), label: "4x main".into() }];
         let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
         assert!(reading.harmonics[0].unwrap().depth < 0.05);

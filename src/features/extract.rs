@@ -91,7 +91,13 @@ impl Extractor {
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             for trace in &mut traces {
                 let info = &self.channels[trace.channel.0];
-                trace.features.extend(shaft_features(&machine, trace, info, first, &mut self.cache));
+                trace.features.extend(shaft_features(
+                    &machine,
+                    trace,
+                    info,
+                    first,
+                    &mut self.cache,
+                ));
             }
             let mut reader = LineReader::new(&machine, first);
             for trace in &traces {
@@ -116,7 +122,11 @@ impl Extractor {
         }
         let mut channels: Vec<ChannelFeatures> = traces
             .into_iter()
-            .map(|t| ChannelFeatures { channel: t.channel, sample_range: t.range, values: t.features })
+            .map(|t| ChannelFeatures {
+                channel: t.channel,
+                sample_range: t.range,
+                values: t.features,
+            })
             .collect();
         channels.sort_by_key(|c| c.channel);
         WindowFeatures {
@@ -151,7 +161,9 @@ impl Extractor {
                         channel,
                         absent: None,
                         flaw: match self.machine.sensors[sensor].kind {
-                            SensorKind::Accelerometer | SensorKind::Velocity | SensorKind::Proximitor => {
+                            SensorKind::Accelerometer
+                            | SensorKind::Velocity
+                            | SensorKind::Proximitor => {
                                 sensor::find_flaw(run.samples, &moments, info.full_scale)
                             }
                             SensorKind::Tacho
@@ -168,7 +180,11 @@ impl Extractor {
     }
 
     /// Levels and spectra of the vibration channels whose sensor is alive.
-    fn vibration_traces<'a>(&mut self, window: &Window<'a>, sensors: &[SensorReading]) -> Vec<Trace<'a>> {
+    fn vibration_traces<'a>(
+        &mut self,
+        window: &Window<'a>,
+        sensors: &[SensorReading],
+    ) -> Vec<Trace<'a>> {
         let mut traces = Vec::new();
         for reading in sensors {
             let sensor = &self.machine.sensors[reading.sensor];
@@ -176,7 +192,9 @@ impl Extractor {
                 reading.flaw,
                 Some(sensor::SensorFlaw::Dead | sensor::SensorFlaw::Stuck { .. })
             );
-            let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else { continue };
+            let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else {
+                continue;
+            };
             if dead || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
                 continue;
             }
@@ -205,8 +223,11 @@ impl Extractor {
 
     /// Speed of the first shaft by the contract's precedence.
     fn speed(&self, window: &Window<'_>, sensors: &[SensorReading], traces: &[Trace<'_>]) -> Speed {
-        let nominal = speed::nominal(self.hints, self.machine.shafts.first().and_then(|s| s.nominal_speed));
-        if let Some(measured) = super::tacho::measured_speed(&self.machine, &self.channels, window, sensors) {
+        let nominal =
+            speed::nominal(self.hints, self.machine.shafts.first().and_then(|s| s.nominal_speed));
+        if let Some(measured) =
+            super::tacho::measured_speed(&self.machine, &self.channels, window, sensors)
+        {
             return super::tacho::with_disagreement(measured, nominal);
         }
         let Some((nominal, source)) = nominal else { return Speed::unknown() };
@@ -224,12 +245,22 @@ impl Extractor {
         let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
         let mut settled = speed::settle(nominal, source, comb);
         if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
-            settled.notes.extend(super::tacho::disagreement("--speed", option, "the capture", capture));
+            settled.notes.extend(super::tacho::disagreement(
+                "--speed",
+                option,
+                "the capture",
+                capture,
+            ));
         }
         if let (Some(capture), Some(machine)) =
             (self.hints.capture, self.machine.shafts.first().and_then(|s| s.nominal_speed))
         {
-            settled.notes.extend(super::tacho::disagreement("the capture", capture, "the machine file", machine));
+            settled.notes.extend(super::tacho::disagreement(
+                "the capture",
+                capture,
+                "the machine file",
+                machine,
+            ));
         }
         settled
     }
@@ -244,19 +275,23 @@ impl Extractor {
     ) -> Vec<AbsoluteLine> {
         let mut found = Vec::new();
         for pair in machine.sensor_pairs() {
-            let at = |sensor: usize, traces: &[Trace<'_>]| traces.iter().position(|t| t.sensor == sensor);
+            let at = |sensor: usize, traces: &[Trace<'_>]| {
+                traces.iter().position(|t| t.sensor == sensor)
+            };
             let (Some(ix), Some(iy)) = (at(pair.x, traces), at(pair.y, traces)) else { continue };
             let (x, y) = (&traces[ix], &traces[iy]);
             let info = &self.channels[x.channel.0];
             let other = &self.channels[y.channel.0];
-            let same = (info.sample_rate, info.unit, x.range) == (other.sample_rate, other.unit, y.range);
+            let same =
+                (info.sample_rate, info.unit, x.range) == (other.sample_rate, other.unit, y.range);
             if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
                 continue;
             }
             let n = x.samples.len();
             let mut a = vec![0.0_f32; n];
             absolute_vibration(x.samples, y.samples, &mut a);
-            let scale = (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
+            let scale =
+                (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
             let channels = (x.channel, y.channel);
             found.extend(reader.absolute_lines(
                 &machine.sensors[pair.x],
@@ -268,7 +303,8 @@ impl Extractor {
             let mut plan = ForwardPlan::new(n, &mut self.cache);
             let mut a_hat = vec![Complex::default(); plan.n_bins()];
             plan.process(&a, &mut a_hat);
-            let extra = cwt_features(machine, (&a_hat, n), info, first, "absolute_", &mut self.cache);
+            let extra =
+                cwt_features(machine, (&a_hat, n), info, first, "absolute_", &mut self.cache);
             traces[ix].features.extend(extra);
         }
         found
@@ -289,7 +325,14 @@ fn shaft_features(
         let speed = Hz(first.0 * ratio);
         features.extend(shaft::lines(trace.samples, info.sample_rate, &shaft.id, speed, info.unit));
     }
-    features.extend(cwt_features(machine, (&trace.x_hat, trace.samples.len()), info, first, "", cache));
+    features.extend(cwt_features(
+        machine,
+        (&trace.x_hat, trace.samples.len()),
+        info,
+        first,
+        "",
+        cache,
+    ));
     features
 }
 
@@ -307,7 +350,11 @@ fn cwt_features(
         let magnitude = MorletPlan::new(n, info.sample_rate.0, frequency.0, OMEGA0, cache)
             .and_then(|mut plan| plan.mean_magnitude(x_hat));
         if let Some(value) = magnitude.filter(|v| v.is_finite()) {
-            features.push(Feature { name: Arc::from(format!("{prefix}{name}")), value, unit: info.unit });
+            features.push(Feature {
+                name: Arc::from(format!("{prefix}{name}")),
+                value,
+                unit: info.unit,
+            });
         }
     };
     for shaft in &machine.shafts {
@@ -324,7 +371,12 @@ fn cwt_features(
 }
 
 /// Velocity RMS 10–1000 Hz, where the unit is known.
-fn velocity(samples: &[f32], info: &ChannelInfo, kind: SensorKind, cache: &mut FftCache<f32>) -> Option<Feature> {
+fn velocity(
+    samples: &[f32],
+    info: &ChannelInfo,
+    kind: SensorKind,
+    cache: &mut FftCache<f32>,
+) -> Option<Feature> {
     let quantity = match info.unit {
         Unit::MetrePerSecondSquared => Quantity::Acceleration,
         Unit::MillimetrePerSecond => Quantity::Velocity,
@@ -335,7 +387,11 @@ fn velocity(samples: &[f32], info: &ChannelInfo, kind: SensorKind, cache: &mut F
     }
     let mut plan = VelocityPlan::new(samples.len(), cache);
     let read = plan.process(samples, info.sample_rate.0, quantity, overall::VELOCITY_BAND_HZ)?;
-    Some(Feature { name: Arc::from(overall::VELOCITY_RMS), value: read.mm_per_s, unit: Unit::MillimetrePerSecond })
+    Some(Feature {
+        name: Arc::from(overall::VELOCITY_RMS),
+        value: read.mm_per_s,
+        unit: Unit::MillimetrePerSecond,
+    })
 }
 
 /// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
@@ -367,14 +423,23 @@ fn quantity(kind: SensorKind) -> Option<Quantity> {
 }
 
 /// What a baseline keeps of a gear's average.
-fn gear_features(machine: &Machine, reading: &gear::GearReading, channels: &[ChannelInfo]) -> Vec<Feature> {
+fn gear_features(
+    machine: &Machine,
+    reading: &gear::GearReading,
+    channels: &[ChannelInfo],
+) -> Vec<Feature> {
     let gear = &machine.gear(reading.gear).id;
     let shaft = &machine.shaft(reading.shaft).id;
     let unit = channels[reading.channel.0].unit;
     let name = gear::local_name(gear, shaft);
-    let mut features = vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    let mut features =
+        vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
     if let Some(value) = reading.figures.fm4 {
-        features.push(Feature { name: Arc::from(format!("fm4_{gear}_{shaft}")), value, unit: Unit::One });
+        features.push(Feature {
+            name: Arc::from(format!("fm4_{gear}_{shaft}")),
+            value,
+            unit: Unit::One,
+        });
     }
     features
 }
@@ -383,7 +448,12 @@ fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Inpu
     traces
         .iter()
         .filter(|t| machine.sensors[t.sensor].kind == SensorKind::Accelerometer)
-        .map(|t| gear::Input { sensor: t.sensor, channel: t.channel, samples: t.all, range: t.range })
+        .map(|t| gear::Input {
+            sensor: t.sensor,
+            channel: t.channel,
+            samples: t.all,
+            range: t.range,
+        })
         .collect()
 }
 

@@ -70,7 +70,12 @@ pub fn local_name(gear: &str, shaft: &str) -> String {
 
 /// Averages every gear in every channel offered.
 #[must_use]
-pub fn read(machine: &Machine, channels: &[ChannelInfo], speed: &Speed, inputs: &[Input<'_>]) -> Vec<GearReading> {
+pub fn read(
+    machine: &Machine,
+    channels: &[ChannelInfo],
+    speed: &Speed,
+    inputs: &[Input<'_>],
+) -> Vec<GearReading> {
     let Some(first) = speed.first.filter(|f| f.0 > 0.0) else { return Vec::new() };
     let mut cache = FftCache::new();
     let mut found = Vec::new();
@@ -85,7 +90,10 @@ pub fn read(machine: &Machine, channels: &[ChannelInfo], speed: &Speed, inputs: 
             let Some((track, has_angle)) = track(speed, ratio, first.0) else { continue };
             for input in inputs {
                 let rate = channels[input.channel.0].sample_rate.0;
-                let usable = super::bands::usable_band(&machine.sensors[input.sensor], channels[input.channel.0].sample_rate);
+                let usable = super::bands::usable_band(
+                    &machine.sensors[input.sensor],
+                    channels[input.channel.0].sample_rate,
+                );
                 let task = Average {
                     rate,
                     samples_per_rev: rate / (first.0 * ratio),
@@ -93,7 +101,12 @@ pub fn read(machine: &Machine, channels: &[ChannelInfo], speed: &Speed, inputs: 
                     max_order: index(usable.1.0 / (first.0 * ratio)),
                 };
                 let read = task.run(input, &track, &mut cache);
-                found.extend(read.map(|r| GearReading { gear: GearIndex(g), shaft: member.shaft, has_angle, ..r }));
+                found.extend(read.map(|r| GearReading {
+                    gear: GearIndex(g),
+                    shaft: member.shaft,
+                    has_angle,
+                    ..r
+                }));
             }
         }
     }
@@ -119,7 +132,12 @@ struct Average {
 }
 
 impl Average {
-    fn run(&self, input: &Input<'_>, track: &PhaseTrack, cache: &mut FftCache<f64>) -> Option<GearReading> {
+    fn run(
+        &self,
+        input: &Input<'_>,
+        track: &PhaseTrack,
+        cache: &mut FftCache<f64>,
+    ) -> Option<GearReading> {
         let points = index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
         let order_kept = index(0.43 * self.samples_per_rev.min(points as f64));
         let teeth = usize::try_from(self.teeth).ok()?;
@@ -161,7 +179,11 @@ fn zero_crossing_deg(y: &[f64]) -> f64 {
 }
 
 fn index(x: f64) -> usize {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate"
+    )]
     let i = x as usize;
     i
 }

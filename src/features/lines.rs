@@ -83,7 +83,9 @@ impl<'m> LineReader<'m> {
         let mut pending: Vec<(usize, Target)> = Vec::new();
         let mut fastest = Hz(0.0);
         for bearing in self.bearings_heard_by(sensor) {
-            let Some(shaft_speed) = self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first) else {
+            let Some(shaft_speed) =
+                self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first)
+            else {
                 continue;
             };
             for target in self.targets(bearing, shaft_speed) {
@@ -129,7 +131,10 @@ impl<'m> LineReader<'m> {
         let min_width = Hz(fastest.0 * MIN_WIDTH_PER_LINE);
         for band in bands::demodulation_bands(usable, min_width) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
-            let Some((depth, bin_hz, mean_square)) = depth_spectrum(source, n, rate, band, cache) else { continue };
+            let Some((depth, bin_hz, mean_square)) = depth_spectrum(source, n, rate, band, cache)
+            else {
+                continue;
+            };
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square };
             for ((place, target), known) in pending.iter().zip(&known) {
                 let search = &mut searches[*place];
@@ -152,11 +157,15 @@ impl<'m> LineReader<'m> {
         cache: &mut FftCache<f32>,
     ) -> Vec<AbsoluteLine> {
         let duration_s = a.len() as f64 / rate.0;
-        let Some(spectrum) = AbsoluteSpectrum::new(a, rate, scale, cache) else { return Vec::new() };
+        let Some(spectrum) = AbsoluteSpectrum::new(a, rate, scale, cache) else {
+            return Vec::new();
+        };
         let usable = bands::usable_band(sensor, rate);
         let mut found = Vec::new();
         for bearing in self.bearings_heard_by(sensor) {
-            let Some(shaft_speed) = self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first) else {
+            let Some(shaft_speed) =
+                self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first)
+            else {
                 continue;
             };
             for target in self.targets(bearing, shaft_speed) {
@@ -204,7 +213,9 @@ impl<'m> LineReader<'m> {
 
     /// The defect lines of a bearing at the window's speed; none without geometry.
     fn targets(&self, bearing: BearingIndex, shaft_speed: Hz) -> Vec<Target> {
-        let Some(rates) = self.machine.bearings[bearing.0].fault_rates(shaft_speed) else { return Vec::new() };
+        let Some(rates) = self.machine.bearings[bearing.0].fault_rates(shaft_speed) else {
+            return Vec::new();
+        };
         let ftf = Hz(rates.ftf.0.abs());
         DefectLine::ALL
             .into_iter()
@@ -229,7 +240,10 @@ impl<'m> LineReader<'m> {
             let speed = self.first.0 * ratio;
             let mut k = 1.0;
             while speed > 0.0 && k * speed < top.0 && k <= 200.0 {
-                known.push(KnownLine { frequency: Hz(k * speed), label: format!("{k}× {}", shaft.id) });
+                known.push(KnownLine {
+                    frequency: Hz(k * speed),
+                    label: format!("{k}× {}", shaft.id),
+                });
                 k += 1.0;
             }
         }
@@ -263,8 +277,8 @@ fn unreadable(
     shaft_speed: Hz,
     duration_s: f64,
 ) -> Option<Unreadable> {
-    let needed = Hz(usable.0 .0 + target.expected.0 * MIN_WIDTH_PER_LINE);
-    if usable.1 .0 < needed.0 {
+    let needed = Hz(usable.0.0 + target.expected.0 * MIN_WIDTH_PER_LINE);
+    if usable.1.0 < needed.0 {
         return Some(Unreadable::TooSlow { usable: usable.1, needed });
     }
     let needed_s = MIN_REVOLUTIONS / shaft_speed.0;
@@ -276,7 +290,12 @@ fn unreadable(
         .map(|line| Unreadable::Coincides { with: line.label.clone() })
 }
 
-fn task<'a>(target: &Target, known: &'a [KnownLine], shaft_speed: Hz, duration_s: f64) -> LineTask<'a> {
+fn task<'a>(
+    target: &Target,
+    known: &'a [KnownLine],
+    shaft_speed: Hz,
+    duration_s: f64,
+) -> LineTask<'a> {
     LineTask {
         line: target.line,
         expected: target.expected,
@@ -310,13 +329,20 @@ fn depth_spectrum(
 }
 
 fn index(x: f64) -> usize {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate"
+    )]
     let i = x as usize;
     i
 }
 
 /// The best reading of a search by effect size among those the caller accepts.
 #[must_use]
-pub fn deepest<'a>(readings: &'a [BandReading], accept: impl Fn(&BandReading) -> bool) -> Option<&'a BandReading> {
+pub fn deepest<'a>(
+    readings: &'a [BandReading],
+    accept: impl Fn(&BandReading) -> bool,
+) -> Option<&'a BandReading> {
     readings.iter().filter(|r| accept(r)).max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()))
 }

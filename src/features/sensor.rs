@@ -48,7 +48,11 @@ const CLIPPED_PART: f64 = 1e-4;
 
 /// Looks for a flaw; `full_scale` are the ends of an integer source's range.
 #[must_use]
-pub fn find_flaw(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>) -> Option<SensorFlaw> {
+pub fn find_flaw(
+    x: &[f32],
+    moments: &Moments,
+    full_scale: Option<(f32, f32)>,
+) -> Option<SensorFlaw> {
     if x.len() < 2 {
         return None;
     }
@@ -86,11 +90,13 @@ fn clipped_samples(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>)
     let high = moments.max;
     let at_extreme = |value: f32| {
         let wide = f64::from(value);
-        (wide - low).abs() <= f64::EPSILON * low.abs() || (high - wide).abs() <= f64::EPSILON * high.abs()
+        (wide - low).abs() <= f64::EPSILON * low.abs()
+            || (high - wide).abs() <= f64::EPSILON * high.abs()
     };
     // A coarsely quantised quiet signal also repeats its extremes: what counts as a cut is a level
     // held by neighbours more often than the next inner level is crossed, so both must be runs.
-    let pairs = x.windows(2).filter(|p| at_extreme(p[0]) && p[0].to_bits() == p[1].to_bits()).count();
+    let pairs =
+        x.windows(2).filter(|p| at_extreme(p[0]) && p[0].to_bits() == p[1].to_bits()).count();
     let levels = distinct_levels_below(x, 64);
     if levels {
         return x.iter().filter(|v| at_end(**v)).count();
@@ -150,7 +156,8 @@ mod tests {
 
     #[test]
     fn full_scale_counts_are_clipped() {
-        let x: Vec<f32> = sine(20_000).iter().map(|v| (v * 40_000.0).clamp(-32_768.0, 32_767.0)).collect();
+        let x: Vec<f32> =
+            sine(20_000).iter().map(|v| (v * 40_000.0).clamp(-32_768.0, 32_767.0)).collect();
         let found = find_flaw(&x, &Moments::of(&x), Some((-32_768.0, 32_767.0)));
         assert!(matches!(found, Some(SensorFlaw::Clipped { .. })));
     }

@@ -71,7 +71,14 @@ impl Speed {
     /// No speed.
     #[must_use]
     pub fn unknown() -> Self {
-        Self { first: None, source: None, confidence: 0.0, excursion: 0.0, phase: None, notes: Vec::new() }
+        Self {
+            first: None,
+            source: None,
+            confidence: 0.0,
+            excursion: 0.0,
+            phase: None,
+            notes: Vec::new(),
+        }
     }
 }
 
@@ -188,9 +195,7 @@ pub fn find_comb(
     for (j0, p0) in &offered {
         let guess = p0.frequency.0 / f64::from(*j0);
         let Some((comb, weight)) = fit(&offered, guess, tolerance_hz) else { continue };
-        let closer = |b: &(Comb, f64)| {
-            (comb.harmonics, weight) > (b.0.harmonics, b.1)
-        };
+        let closer = |b: &(Comb, f64)| (comb.harmonics, weight) > (b.0.harmonics, b.1);
         if best.as_ref().is_none_or(closer) {
             best = Some((comb, weight));
         }
@@ -253,11 +258,22 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
             | SpeedSource::Estimated => (nominal, source, 0.85),
         },
     };
-    Speed { first: Some(first), source: Some(source), confidence, excursion: 0.0, phase: None, notes: Vec::new() }
+    Speed {
+        first: Some(first),
+        source: Some(source),
+        confidence,
+        excursion: 0.0,
+        phase: None,
+        notes: Vec::new(),
+    }
 }
 
 fn index(x: f64) -> usize {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate"
+    )]
     let i = x as usize;
     i
 }
@@ -275,7 +291,8 @@ mod tests {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 let noise = ((state >> 33) as f64 / (1u64 << 31) as f64 - 0.5) * 0.2;
                 let t = i as f64 / fs;
-                let sum: f64 = tones.iter().map(|(f, a)| a * (std::f64::consts::TAU * f * t).cos()).sum();
+                let sum: f64 =
+                    tones.iter().map(|(f, a)| a * (std::f64::consts::TAU * f * t).cos()).sum();
                 (sum + noise) as f32
             })
             .collect();
@@ -293,7 +310,10 @@ mod tests {
         let comb = find_comb(&found, Hz(30.0), 5.0, &[], &[]).unwrap();
         // Two-bin interpolation in 20 dB noise: a few thousandths of the 0.2 Hz bin.
         assert!((comb.speed.0 - 29.76).abs() < 2e-3, "{comb:?}");
-        assert_eq!(settle(Hz(30.0), SpeedSource::Capture, Some(comb)).source, Some(SpeedSource::Estimated));
+        assert_eq!(
+            settle(Hz(30.0), SpeedSource::Capture, Some(comb)).source,
+            Some(SpeedSource::Estimated)
+        );
     }
 
     #[test]
@@ -317,7 +337,10 @@ mod tests {
     fn precedence_is_option_capture_machine() {
         let hints = SpeedHints { option: Some(Hz(1.0)), capture: Some(Hz(2.0)) };
         assert_eq!(nominal(hints, Some(Hz(3.0))), Some((Hz(1.0), SpeedSource::Option)));
-        assert_eq!(nominal(SpeedHints::default(), Some(Hz(3.0))), Some((Hz(3.0), SpeedSource::Machine)));
+        assert_eq!(
+            nominal(SpeedHints::default(), Some(Hz(3.0))),
+            Some((Hz(3.0), SpeedSource::Machine))
+        );
         assert_eq!(nominal(SpeedHints::default(), None), None);
     }
 }

@@ -37,7 +37,9 @@ pub fn measured_speed(
         })
     };
     let by_tacho = of_kind(SensorKind::Tacho).find_map(|(s, info, x)| tacho(machine, s, info, x));
-    by_tacho.or_else(|| of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x)))
+    by_tacho.or_else(|| {
+        of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x))
+    })
 }
 
 /// Ratio of the sensor's shaft to the first.
@@ -88,7 +90,12 @@ fn tacho(machine: &Machine, sensor: &Sensor, info: &ChannelInfo, x: &[f32]) -> O
     })
 }
 
-fn speed_channel(machine: &Machine, sensor: &Sensor, info: &ChannelInfo, x: &[f32]) -> Option<Speed> {
+fn speed_channel(
+    machine: &Machine,
+    sensor: &Sensor,
+    info: &ChannelInfo,
+    x: &[f32],
+) -> Option<Speed> {
     let ratio = ratio(machine, sensor)?;
     if x.len() < MIN_PULSES {
         return None;
@@ -119,5 +126,7 @@ pub fn with_disagreement(mut measured: Speed, nominal: Option<(Hz, SpeedSource)>
 #[must_use]
 pub fn disagreement(a_name: &str, a: Hz, b_name: &str, b: Hz) -> Option<String> {
     let differ = (a.0 - b.0).abs() > DISAGREEMENT * b.0.abs().max(a.0.abs());
-    differ.then(|| format!("{a_name} ({:.3} Hz) and {b_name} ({:.3} Hz) disagree by more than 2 %", a.0, b.0))
+    differ.then(|| {
+        format!("{a_name} ({:.3} Hz) and {b_name} ({:.3} Hz) disagree by more than 2 %", a.0, b.0)
+    })
 }

@@ -19,13 +19,13 @@ use crate::features::ChannelFeatures;
 use crate::features::ChannelWindow;
 use crate::features::Extractor;
 use crate::features::Window;
-use crate::features::WindowFeatures;
 pub use crate::features::speed::SpeedHints;
 use crate::machine::Machine;
 use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
+use crate::units::Hz;
 use std::sync::Arc;
 use windows::WindowGrid;
 
@@ -100,7 +100,7 @@ pub struct Monitor {
     segment: Option<u32>,
     extractor: Extractor,
     baseline: Baseline,
-    provisional: Vec<WindowFeatures>,
+    provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
     alarms: AlarmEngine,
 }
@@ -118,7 +118,9 @@ impl Monitor {
     ) -> Result<Self, MonitorError> {
         let extractor = Extractor::new(Arc::clone(&machine), channels.clone(), hints);
         if extractor.channel_of_sensor().iter().all(Option::is_none) {
-            let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+            let list = |names: Vec<&str>| {
+                if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+            };
             return Err(MonitorError::NoCommonChannel {
                 sensors: list(machine.sensors.iter().map(|s| s.channel.as_str()).collect()),
                 channels: list(channels.iter().map(|c| c.name.as_str()).collect()),
@@ -242,7 +244,8 @@ impl Monitor {
 
     /// Copies a window out of the rings, measures and judges it.
     fn judge(&mut self, time_s: (f64, f64)) -> Outcome {
-        let copies: Vec<Option<(u64, Vec<f32>)>> = (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
+        let copies: Vec<Option<(u64, Vec<f32>)>> =
+            (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
         let channels = copies
             .iter()
             .map(|c| c.as_ref().map(|(start, samples)| ChannelWindow { start: *start, samples }))
@@ -266,7 +269,7 @@ impl Monitor {
             judged,
             alarm_events,
         };
-        self.learn_provisional(features);
+        self.learn_provisional((features.speed.first, features.channels));
         outcome
     }
 
@@ -274,7 +277,11 @@ impl Monitor {
     fn copy_window(&self, channel: usize, (start_s, end_s): (f64, f64)) -> Option<(u64, Vec<f32>)> {
         let ring = &self.rings[channel];
         let rate = self.channels[channel].sample_rate.0;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "float to int casts saturate")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "float to int casts saturate"
+        )]
         let wanted = ((end_s - start_s) * rate).round() as usize;
         // Half a sample of slack against the rounding of index/rate.
         let end = ring.end_at(end_s + 0.25 / rate)?;
@@ -299,16 +306,17 @@ impl Monitor {
     }
 
     /// Collects the first windows and turns them into the provisional baseline.
-    fn learn_provisional(&mut self, features: WindowFeatures) {
+    fn learn_provisional(&mut self, features: (Option<Hz>, Vec<ChannelFeatures>)) {
         let Some(n) = self.settings.provisional_windows else { return };
         if !self.baseline.records.is_empty() || self.provisional.len() >= n {
             return;
         }
         self.provisional.push(features);
         if self.provisional.len() == n {
-            let record = |w: &WindowFeatures| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
-            self.baseline =
-                Baseline { records: self.provisional.iter().map(record).collect(), provisional: true };
+            let windows = self.provisional.iter();
+            let record =
+                |w| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
+            self.baseline = Baseline { records: windows.map(record).collect(), provisional: true };
             self.provisional.clear();
             self.settings.provisional_windows = None;
         }
@@ -317,11 +325,14 @@ impl Monitor {
     /// Adds counts, unit conflicts and absent channels.
     fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
         diagnosis.samples_rejected = self.rejected.iter().map(|(_, n)| n).sum();
-        diagnosis.rejected_because = self.rejected.iter().map(|(why, n)| format!("{n} samples: {why}")).collect();
+        diagnosis.rejected_because =
+            self.rejected.iter().map(|(why, n)| format!("{n} samples: {why}")).collect();
         let sensors = self.machine.sensors.iter().zip(self.extractor.channel_of_sensor());
         for (sensor, channel) in sensors {
             match channel {
-                None => diagnosis.warnings.push(format!("sensor `{}` has no channel in the data", sensor.channel)),
+                None => diagnosis
+                    .warnings
+                    .push(format!("sensor `{}` has no channel in the data", sensor.channel)),
                 Some(channel) => {
                     let info = &self.channels[channel.0];
                     if let Some((data, machine)) = &info.unit_conflict {

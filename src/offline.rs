@@ -1,0 +1,216 @@
+//! A capture from end to end: read, step the monitor, conclude. What `diagnose` runs, and how
+//! healthy captures become baselines; the same `Monitor` as in the daemon. Must not know the clock,
+//! the terminal or documents.
+
+use crate::capture::error::CaptureError;
+use crate::capture::info::CaptureInfo;
+use crate::capture::reader::CaptureReader;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::features::ChannelFeatures;
+use crate::machine::Machine;
+use crate::machine::file::MachineFileErrors;
+use crate::machine::limits::Limits;
+use crate::machine::sensor::Sensor;
+use crate::machine::sensor::SensorKind;
+use crate::pipeline::Monitor;
+use crate::pipeline::MonitorError;
+use crate::pipeline::Outcome;
+use crate::pipeline::Settings;
+use crate::pipeline::SpeedHints;
+use crate::signal::ChannelInfo;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::path::Path;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Longest window of an offline diagnosis: a 10 s record is one window.
+const WINDOW_S: f64 = 12.0;
+
+/// Samples of all channels in a window at most: bounds memory for fast or many channels.
+const MAX_WINDOW_SAMPLES: f64 = 4e6;
+
+/// A capture with so many segments gets a provisional baseline from its first tenth.
+const MIN_SEGMENTS_FOR_PROVISIONAL: usize = 50;
+
+/// Why a capture could not be diagnosed.
+#[derive(Debug, thiserror::Error)]
+pub enum OfflineError {
+    /// The capture cannot be read.
+    #[error("reading the capture failed")]
+    Capture(#[from] CaptureError),
+    /// The machine text inside the capture is wrong.
+    #[error("the machine description inside {} is wrong", file.display())]
+    Machine {
+        /// The capture.
+        file: PathBuf,
+        /// Every mistake.
+        source: MachineFileErrors,
+    },
+    /// Machine and capture do not fit.
+    #[error("{} does not fit the machine", file.display())]
+    Monitor {
+        /// The capture.
+        file: PathBuf,
+        /// Why.
+        source: MonitorError,
+    },
+    /// Nothing to judge.
+    #[error("{} holds no window of contiguous samples: record at least a few revolutions", file.display())]
+    Empty {
+        /// The capture.
+        file: PathBuf,
+    },
+}
+
+/// What to hold a capture against.
+#[derive(Debug, Clone, Default)]
+pub struct Reference {
+    /// The machine; `None`: the capture's own `machine` attribute, else levels and data health only.
+    pub machine: Option<Arc<Machine>>,
+    /// The operator's speed.
+    pub speed: Option<Hz>,
+    /// Healthy records.
+    pub baseline: Baseline,
+}
+
+/// What a run over a capture gives.
+struct Run {
+    monitor: Monitor,
+    outcomes: Vec<Outcome>,
+}
+
+/// Diagnoses one capture; `progress` is told the part done, 0…1.
+///
+/// # Errors
+/// When the capture cannot be read to its end, its machine text is wrong, machine and capture do not
+/// fit, or there is nothing to judge.
+pub fn diagnose(
+    file: &Path,
+    reference: &Reference,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Diagnosis, OfflineError> {
+    let run = run(file, reference, progress)?;
+    let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
+    run.monitor.conclude(&judged).ok_or_else(|| OfflineError::Empty { file: file.to_owned() })
+}
+
+/// Measures a healthy capture for a baseline.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn learn(
+    file: &Path,
+    reference: &Reference,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Record, OfflineError> {
+    let run = run(file, reference, progress)?;
+    let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> =
+        run.outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
+    Ok(Record::of_windows(&file.display().to_string(), &windows, run.monitor.channels()))
+}
+
+fn run(
+    file: &Path,
+    reference: &Reference,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Run, OfflineError> {
+    let (mut reader, machine) = open(file, reference)?;
+    let info = reader.info();
+    let channels: Vec<ChannelInfo> = info.channels.iter().map(|c| c.info.clone()).collect();
+    let hints = SpeedHints { option: reference.speed, capture: info.shaft_speed };
+    let settings = settings(info, &channels, reference);
+    let duration_s = info.duration_s;
+    let mut monitor = Monitor::new(machine, channels, hints, &settings)
+        .map_err(|source| OfflineError::Monitor { file: file.to_owned(), source })?;
+    let mut outcomes: Vec<Outcome> = Vec::new();
+    let mut keep = |outcome: Outcome| outcomes.push(outcome);
+    while let Some(block) = reader.next_block()? {
+        monitor.step(&block, &mut keep);
+        progress((block.time_s / duration_s).clamp(0.0, 1.0));
+    }
+    let report = reader.report();
+    if report.samples_rejected() > 0 {
+        monitor.count_rejected(report.samples_rejected(), &report.reasons().join("; "));
+    }
+    monitor.finish(&mut keep);
+    progress(1.0);
+    Ok(Run { monitor, outcomes })
+}
+
+/// Opens a capture with the machine given, its own, or an implied one.
+fn open(file: &Path, reference: &Reference) -> Result<(CaptureReader, Arc<Machine>), OfflineError> {
+    if let Some(machine) = &reference.machine {
+        return Ok((CaptureReader::open(file, Some(machine))?, Arc::clone(machine)));
+    }
+    let reader = CaptureReader::open(file, None)?;
+    match &reader.info().machine {
+        Some(text) => {
+            let name = format!("{} (attribute `machine`)", file.display());
+            let machine = crate::machine::file::parse(text, &name)
+                .map_err(|source| OfflineError::Machine { file: file.to_owned(), source })?;
+            let machine = Arc::new(machine);
+            Ok((CaptureReader::open(file, Some(&machine))?, machine))
+        }
+        None => {
+            let machine = Arc::new(implied_machine(reader.info()));
+            Ok((reader, machine))
+        }
+    }
+}
+
+/// A machine of nothing but sensors: levels and data health can still be told.
+fn implied_machine(info: &CaptureInfo) -> Machine {
+    let sensor = |channel: &ChannelInfo| Sensor {
+        channel: channel.name.clone(),
+        kind: match channel.unit {
+            Unit::MillimetrePerSecond => SensorKind::Velocity,
+            Unit::Micrometre => SensorKind::Proximitor,
+            Unit::Hertz => SensorKind::Speed,
+            Unit::MetrePerSecondSquared | Unit::Volt | Unit::One | Unit::Unknown => {
+                SensorKind::Accelerometer
+            }
+        },
+        unit: None,
+        at: None,
+        axis_deg: None,
+        direction: None,
+        usable: None,
+        sensitivity_v_per_unit: None,
+        tacho: None,
+    };
+    Machine {
+        id: "unknown".to_owned(),
+        name: "machine not described".to_owned(),
+        iso_group: None,
+        power_kw: None,
+        shafts: Vec::new(),
+        bearings: Vec::new(),
+        motors: Vec::new(),
+        gears: Vec::new(),
+        sensors: info.channels.iter().map(|c| sensor(&c.info)).collect(),
+        limits: Limits::default(),
+        capture_map: std::collections::BTreeMap::new(),
+        notes: Vec::new(),
+    }
+}
+
+/// Equal windows of at most [`WINDOW_S`], end to end.
+fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference) -> Settings {
+    let rate: f64 = channels.iter().map(|c| c.sample_rate.0).sum();
+    let longest = WINDOW_S.min(MAX_WINDOW_SAMPLES / rate.max(1.0));
+    let n = (info.duration_s / longest).ceil().max(1.0);
+    let window_s = if info.segments.is_some() { longest } else { (info.duration_s / n).max(1e-3) };
+    let provisional = info.segments.filter(|n| *n >= MIN_SEGMENTS_FOR_PROVISIONAL);
+    let none_given = reference.baseline.records.is_empty();
+    Settings {
+        window_s,
+        hop_s: window_s,
+        ring_s: 2.0 * window_s,
+        baseline: reference.baseline.clone(),
+        provisional_windows: provisional.filter(|_| none_given).map(|n| n.div_ceil(10)),
+        alarms: crate::pipeline::Settings::default().alarms,
+    }
+}
