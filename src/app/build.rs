@@ -221,9 +221,8 @@ fn check_memory(
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::machine;
     use super::*;
-    use crate::machine::Machine;
-    use crate::machine::limits::Limits;
     use crate::signal::ChannelInfo;
     use crate::units::Hz;
     use crate::units::Unit;
@@ -232,18 +231,7 @@ mod tests {
     fn entry(id: &str) -> MachineConfig {
         MachineConfig {
             file: PathBuf::new(),
-            machine: Arc::new(Machine {
-                id: id.to_owned(),
-                name: id.to_owned(),
-                iso_group: None,
-                power_kw: None,
-                shafts: Vec::new(),
-                bearings: Vec::new(),
-                motors: Vec::new(),
-                gears: Vec::new(),
-                sensors: Vec::new(),
-                limits: Limits::default(),
-            }),
+            machine: machine(id),
             baseline: Vec::new(),
             source: SourceConfig::Replay(replay::Settings {
                 file: PathBuf::new(),

@@ -23,7 +23,6 @@ use crate::ingest::replay::Stream;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::machine::limits::Limits;
-use crate::machine::sensor;
 use crate::pipeline::Monitor;
 use crate::pipeline::SpeedHints;
 use crate::signal::Block;
@@ -42,17 +41,18 @@ use tokio::sync::watch;
 
 const RATE_HZ: u64 = 1000;
 
-fn machine() -> Arc<Machine> {
+/// A machine that has an id and nothing else.
+pub(super) fn machine(id: &str) -> Arc<Machine> {
     Arc::new(Machine {
-        id: "rig-1".to_owned(),
-        name: "Rig".to_owned(),
+        id: id.to_owned(),
+        name: id.to_owned(),
         iso_group: None,
         power_kw: None,
         shafts: Vec::new(),
         bearings: Vec::new(),
         motors: Vec::new(),
         gears: Vec::new(),
-        sensors: Vec::<sensor::Sensor>::new(),
+        sensors: Vec::new(),
         limits: Limits::default(),
     })
 }
@@ -103,11 +103,16 @@ fn running(queue_bytes: usize) -> Running {
     let queue = Arc::new(ShardQueue::new(queue_bytes, 4));
     let link = Link::new(Arc::clone(&queue), 0);
     let metrics = Arc::new(Metrics::new());
-    let monitor =
-        Monitor::new(machine(), vec![channel()], SpeedHints::default(), &Config::default().monitor);
+    let monitor = Monitor::new(
+        machine("rig-1"),
+        vec![channel()],
+        SpeedHints::default(),
+        &Config::default().monitor,
+    );
     let opened =
         Opened { monitor: Some(monitor.unwrap()), source: SourceState::Starting, start_time: None };
-    let (monitored, view) = Monitored::new(machine(), opened, Arc::clone(link.losses()), &metrics);
+    let (monitored, view) =
+        Monitored::new(machine("rig-1"), opened, Arc::clone(link.losses()), &metrics);
     let (shard_queue, gauge) = (Arc::clone(&queue), metrics.queue_bytes(0));
     let shard = thread::spawn(move || {
         shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);
