@@ -18,7 +18,6 @@ pub type MetricsText = Arc<dyn Fn() -> String + Send + Sync>;
 pub type ReadinessCheck = Arc<dyn Fn() -> Vec<String> + Send + Sync>;
 
 /// Makes the routes: the one place where the daemon meets the API.
-#[must_use]
 pub fn router(
     _machines: Vec<MachineHandle>,
     _bound: SocketAddr,

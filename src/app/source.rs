@@ -27,9 +27,13 @@ pub fn run(
 ) {
     let started = super::now();
     let mut wait = |due_s: f64| {
-        // `max` drops NaN
-        let due = started + Duration::from_secs_f64(due_s.max(0.0).min(MAX_WAIT_S));
-        if stop.wait_until(due) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        // A time that cannot be waited for (NaN, before the start) is due at once.
+        let due = Duration::try_from_secs_f64(due_s.min(MAX_WAIT_S)).unwrap_or_default();
+        if stop.wait_until(started + due) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     };
     let mut sink = |step| {
         let input = match step {

@@ -1,1 +1,241 @@
+//! Sources, shards and snapshots together, on synthetic streams.
 
+use super::build::StartError;
+use super::daemon::Daemon;
+use super::link::Input;
+use super::link::Link;
+use super::link::ShardQueue;
+use super::monitored::Monitored;
+use super::monitored::Opened;
+use super::shard;
+use super::shard::Heartbeat;
+use super::source;
+use super::stop::Stop;
+use crate::api::view::MachineView;
+use crate::api::view::ShardRequest;
+use crate::api::view::SourceState;
+use crate::config::Config;
+use crate::ingest::replay;
+use crate::ingest::replay::ReplayError;
+use crate::ingest::replay::Speed;
+use crate::ingest::replay::Step;
+use crate::ingest::replay::Stream;
+use crate::ingest::replay::StreamInfo;
+use crate::machine::Machine;
+use crate::machine::limits::Limits;
+use crate::pipeline::Monitor;
+use crate::pipeline::SpeedHints;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use crate::telemetry::Metrics;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread;
+use std::thread::JoinHandle;
+use tokio::sync::oneshot;
+use tokio::sync::watch;
+
+const RATE_HZ: u64 = 1000;
+
+/// A machine that has an id and nothing else.
+pub(super) fn machine(id: &str) -> Arc<Machine> {
+    Arc::new(Machine {
+        id: id.to_owned(),
+        name: id.to_owned(),
+        iso_group: None,
+        power_kw: None,
+        shafts: Vec::new(),
+        bearings: Vec::new(),
+        motors: Vec::new(),
+        gears: Vec::new(),
+        sensors: Vec::new(),
+        limits: Limits::default(),
+    })
+}
+
+fn channel() -> ChannelInfo {
+    ChannelInfo {
+        name: "x".to_owned(),
+        sample_rate: Hz(RATE_HZ as f64),
+        unit: Unit::MetrePerSecondSquared,
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
+    }
+}
+
+/// A stream of `seconds` whose samples say their own index.
+fn stream(seconds: u64) -> Stream {
+    let mut second = 0;
+    let next = move || {
+        if second == seconds {
+            return Ok(Step::End);
+        }
+        let start = second * RATE_HZ;
+        second += 1;
+        Ok(Step::Block(Block {
+            channel: ChannelIndex(0),
+            start: SampleIndex(start),
+            segment: 0,
+            time_s: start as f64 / RATE_HZ as f64,
+            samples: (start..start + RATE_HZ).map(|i| i as f32).collect(),
+        }))
+    };
+    let info = StreamInfo { channels: vec![channel()], start_time: None, shaft_speed: None };
+    Stream { info, next: Box::new(next) }
+}
+
+/// A shard with one machine, on its thread.
+struct Running {
+    queue: Arc<ShardQueue>,
+    link: Link,
+    view: watch::Receiver<Arc<MachineView>>,
+    metrics: Arc<Metrics>,
+    shard: JoinHandle<()>,
+}
+
+/// Starts a shard whose queue takes `queue_bytes`.
+fn running(queue_bytes: usize) -> Running {
+    let queue = Arc::new(ShardQueue::new(queue_bytes, 4));
+    let link = Link::new(Arc::clone(&queue), 0);
+    let metrics = Arc::new(Metrics::new());
+    let monitor = Monitor::new(
+        machine("rig-1"),
+        vec![channel()],
+        SpeedHints::default(),
+        &Config::default().monitor,
+    );
+    let opened =
+        Opened { monitor: Some(monitor.unwrap()), source: SourceState::Starting, start_time: None };
+    let (monitored, view) =
+        Monitored::new(machine("rig-1"), opened, Arc::clone(link.losses()), &metrics);
+    let (shard_queue, gauge) = (Arc::clone(&queue), metrics.queue_bytes(0));
+    let shard = thread::spawn(move || {
+        shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);
+    });
+    Running { queue, link, view, metrics, shard }
+}
+
+impl Running {
+    /// Waits for the snapshot that shows `state`.
+    fn wait_for(&mut self, state: &SourceState) -> Arc<MachineView> {
+        let found =
+            tokio::runtime::Builder::new_current_thread().build().unwrap().block_on(async {
+                self.view.wait_for(|view| view.source == *state).await.map(|v| v.clone())
+            });
+        found.unwrap()
+    }
+
+    fn play(&self, settings: &replay::Settings, seconds: u64) {
+        source::run(settings, &mut || Ok(stream(seconds)), &self.link, &Stop::default());
+    }
+
+    fn end(self) {
+        self.queue.close();
+        self.shard.join().unwrap();
+    }
+}
+
+fn at_full_speed() -> replay::Settings {
+    replay::Settings { file: PathBuf::from("x.h5"), speed: Speed::Max, repeat: false }
+}
+
+#[test]
+fn a_replay_through_a_small_queue_loses_nothing() {
+    let mut running = running(1); // one block at a time
+    running.play(&at_full_speed(), 40);
+    let view = running.wait_for(&SourceState::Finished);
+    let [ring] = &view.rings[..] else { panic!("one ring") };
+    assert_eq!((ring.received, ring.missing, ring.duplicated), (40_000, 0, 0));
+    assert_eq!(ring.newest.0 - ring.oldest.0, 30 * RATE_HZ); // ring_seconds
+    assert!((view.stream_time_s - 40.0).abs() < 1e-9); // 40,000 samples at 1,000 a second
+    assert_eq!(view.dropped, (0, 0));
+    let metrics = running.metrics.encode();
+    let line = "rotorwatch_samples_received_total{machine=\"rig-1\",channel=\"x\"} 40000";
+    assert!(metrics.contains(line), "{metrics}");
+    running.end();
+}
+
+#[test]
+fn a_finished_machine_still_answers() {
+    let mut running = running(1 << 20);
+    running.play(&at_full_speed(), 3);
+    running.wait_for(&SourceState::Finished);
+    let ask = |end, max_samples| {
+        let (reply, answer) = oneshot::channel();
+        let request = ShardRequest::Waveform { channel: 0, end, max_samples, reply };
+        running.link.ask(request).unwrap();
+        answer.blocking_recv().unwrap()
+    };
+    let newest = ask(None, 4).unwrap();
+    assert_eq!((newest.start, newest.samples), (2996, vec![2996.0, 2997.0, 2998.0, 2999.0]));
+    assert!((newest.start_time_s - 2.996).abs() < 1e-9);
+    let earlier = ask(Some(10), usize::MAX).unwrap();
+    assert_eq!((earlier.start, earlier.samples.len()), (0, 10));
+    assert_eq!(ask(Some(0), 4), None);
+    let (reply, answer) = oneshot::channel();
+    let nowhere = ShardRequest::Waveform { channel: 7, end: None, max_samples: 1, reply };
+    running.link.ask(nowhere).unwrap();
+    assert_eq!(answer.blocking_recv().unwrap(), None);
+    let (reply, gone) = oneshot::channel();
+    drop(gone); // the client has left: the shard does not mind
+    running.link.ask(ShardRequest::Trend { channel: 0, reply }).unwrap();
+    assert!(ask(None, 1).is_some());
+    running.end();
+}
+
+#[test]
+fn a_source_that_cannot_read_fails_with_its_causes() {
+    let mut running = running(1 << 20);
+    let mut open = || {
+        let source = "disk on fire".into();
+        Err(ReplayError::Open { file: PathBuf::from("x.h5"), source })
+    };
+    source::run(&at_full_speed(), &mut open, &running.link, &Stop::default());
+    let reason = "opening x.h5 failed: disk on fire".to_owned();
+    running.wait_for(&SourceState::Failed(reason));
+    running.end();
+}
+
+#[test]
+fn a_stop_ends_a_source_that_waits_for_its_time() {
+    let running = running(1 << 20);
+    let slow = replay::Settings { speed: Speed::Times(1e-6), ..at_full_speed() };
+    let stop = Stop::default();
+    stop.set();
+    source::run(&slow, &mut || Ok(stream(10)), &running.link, &stop); // returns at once
+    running.end();
+}
+
+#[test]
+fn a_stop_ends_a_source_that_waits_for_room() {
+    let queue = Arc::new(ShardQueue::new(1, 1)); // nobody takes anything out
+    let link = Link::new(Arc::clone(&queue), 0);
+    link.send(Input::Source(SourceState::Running)).unwrap();
+    let source = thread::spawn(move || {
+        source::run(&at_full_speed(), &mut || Ok(stream(10)), &link, &Stop::default());
+    });
+    queue.close();
+    source.join().unwrap();
+}
+
+#[test]
+fn machines_are_dealt_out_by_load_and_always_alike() {
+    let loads = [("d", 10.0), ("a", 100.0), ("c", 60.0), ("b", 50.0)];
+    // a → 0, b → 1, c → 1 (50 < 100), d → 0 (100 < 110)
+    assert_eq!(shard::assign(&loads, 2), [0, 0, 1, 1]);
+    let idle = [("a", 0.0), ("b", 0.0), ("c", 0.0)];
+    assert_eq!(shard::assign(&idle, 3), [0, 1, 2]);
+}
+
+#[test]
+fn a_taken_port_is_named() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let config = Config { bind: taken.local_addr().unwrap(), ..Config::default() };
+    let error = Daemon::start(&config).unwrap_err();
+    assert!(matches!(error, StartError::Bind { address, .. } if address == config.bind));
+}

@@ -111,7 +111,7 @@ mod tests {
         }
         let trend = store.copy();
         assert_eq!(trend.time_s.len(), MAX_POINTS);
-        assert_eq!(trend.time_s[0], 10.0);
+        assert!((trend.time_s[0] - 10.0).abs() < 1e-12);
         assert_eq!(trend.columns[0].2, trend.time_s);
     }
 

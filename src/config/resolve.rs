@@ -13,6 +13,7 @@ use crate::ingest::replay;
 use crate::machine::Machine;
 use crate::pipeline;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -214,11 +215,17 @@ impl Resolver<'_> {
                 let message =
                     format!("no machine has the id {machine:?}, known: {}", known.join(", "));
                 self.report(&format!("{path}.machine"), message);
-            } else if sources.contains_key(&machine) {
-                let message = format!("machine {machine:?} already has a source, one is allowed");
-                self.report(&format!("{path}.machine"), message);
-            } else {
-                sources.insert(machine, source);
+                continue;
+            }
+            match sources.entry(machine) {
+                Entry::Vacant(entry) => {
+                    entry.insert(source);
+                }
+                Entry::Occupied(entry) => {
+                    let message =
+                        format!("machine {:?} already has a source, one is allowed", entry.key());
+                    self.report(&format!("{path}.machine"), message);
+                }
             }
         }
         sources

@@ -145,44 +145,40 @@ fn note_offsets(table: &DeTable<'_>, prefix: &str, offsets: &mut BTreeMap<String
 /// Checks every section; what passed goes to `scan.values`.
 fn check_sections(table: toml::Table, scan: &mut Scan) {
     for (section, value) in table {
-        let is_single = keys::SECTIONS.contains(&section.as_str());
-        let is_list = keys::LISTS.contains(&section.as_str());
-        match value {
-            toml::Value::Table(entries) if is_single => {
-                let entries = check_entries(&section, &section, entries, scan);
-                scan.values.insert(section, toml::Value::Table(entries));
-            }
-            toml::Value::Array(items) if is_list && items.iter().all(toml::Value::is_table) => {
-                let items = items.into_iter().enumerate().filter_map(|(i, item)| match item {
-                    toml::Value::Table(entries) => Some(toml::Value::Table(check_entries(
-                        &section,
-                        &format!("{section}[{i}]"),
-                        entries,
-                        scan,
-                    ))),
-                    _ => None,
-                });
-                let items = items.collect();
-                scan.values.insert(section, toml::Value::Array(items));
-            }
-            _ if is_single => scan.report(&section, format!("write it as [{section}]")),
-            _ if is_list => scan.report(&section, format!("write each one as [[{section}]]")),
-            _ => {
-                let allowed = [keys::SECTIONS, keys::LISTS].concat().join(", ");
-                scan.report(&section, format!("unknown key, allowed here: {allowed}"));
-            }
+        if keys::SECTIONS.contains(&section.as_str()) {
+            let Some(entries) = value.as_table() else {
+                scan.report(&section, format!("write it as [{section}]"));
+                continue;
+            };
+            let passed = check_entries(&section, &section, entries, scan);
+            scan.values.insert(section, toml::Value::Table(passed));
+        } else if keys::LISTS.contains(&section.as_str()) {
+            let items = value.as_array().map(|items| items.iter().map(toml::Value::as_table));
+            let Some(items) = items.and_then(|items| items.collect::<Option<Vec<_>>>()) else {
+                scan.report(&section, format!("write each one as [[{section}]]"));
+                continue;
+            };
+            let passed = items.into_iter().enumerate().map(|(i, entries)| {
+                let path = format!("{section}[{i}]");
+                toml::Value::Table(check_entries(&section, &path, entries, scan))
+            });
+            let passed = passed.collect();
+            scan.values.insert(section, toml::Value::Array(passed));
+        } else {
+            let allowed = [keys::SECTIONS, keys::LISTS].concat().join(", ");
+            scan.report(&section, format!("unknown key, allowed here: {allowed}"));
         }
     }
 }
 
 /// Checks the keys of one section and keeps those that passed.
-fn check_entries(section: &str, path: &str, entries: toml::Table, scan: &mut Scan) -> toml::Table {
+fn check_entries(section: &str, path: &str, entries: &toml::Table, scan: &mut Scan) -> toml::Table {
     let mut passed = toml::Table::new();
     for (name, value) in entries {
         let place = format!("{path}.{name}");
-        match keys::find(section, &name).map(|key| key.check(&value)) {
+        match keys::find(section, name).map(|key| key.check(value)) {
             Some(Ok(())) => {
-                passed.insert(name, value);
+                passed.insert(name.clone(), value.clone());
             }
             Some(Err(message)) => scan.report(&place, message),
             None => {

@@ -43,9 +43,10 @@ fn an_open_connection_does_not_hold_the_end_up() {
     let daemon = Daemon::start("", &[]);
     let address = daemon.base_url.strip_prefix("http://").unwrap();
     let mut half_a_request = TcpStream::connect(address).unwrap();
-    half_a_request.write_all(b"GET /livez HTTP/1.1\r\nHost: x\r\n").unwrap();
+    let request = format!("GET /livez HTTP/1.1\r\nHost: {address}\r\n");
+    half_a_request.write_all(request.as_bytes()).unwrap();
     let mut kept_alive = TcpStream::connect(address).unwrap();
-    kept_alive.write_all(b"GET /livez HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    kept_alive.write_all(format!("{request}\r\n").as_bytes()).unwrap();
     let mut answer = [0; 15];
     kept_alive.read_exact(&mut answer).unwrap();
     assert_eq!(&answer, b"HTTP/1.1 200 OK");

@@ -49,6 +49,7 @@ pub(crate) struct Daemon {
     /// The process.
     pub(crate) child: Child,
     /// Its folder, with the configuration as `serve.toml`.
+    #[allow(dead_code, reason = "the tests of the API use it")]
     pub(crate) dir: TempDir,
     /// Ends with the process.
     stderr: Option<thread::JoinHandle<String>>,
@@ -139,12 +140,14 @@ impl Daemon {
     }
 
     /// Status and document of a `GET`, whatever the status.
+    #[allow(dead_code, reason = "the tests of the API use it")]
     pub(crate) fn get_json(&self, path: &str) -> (u16, Value) {
         let (status, text) = self.get_text(path);
         (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))
     }
 
     /// Status and document of a `POST`, whatever the status.
+    #[allow(dead_code, reason = "the tests of the API use it")]
     pub(crate) fn post_json(&self, path: &str, body: &Value) -> (u16, Value) {
         let url = format!("{}{path}", self.base_url);
         let mut response = agent().post(url).send_json(body).unwrap();
