@@ -106,6 +106,20 @@ pub enum ShardRequest {
         /// The alarm after the act, or why not.
         reply: oneshot::Sender<Result<crate::alarms::Alarm, crate::alarms::ActionError>>,
     },
+    /// The alarm events held in memory.
+    AlarmHistory {
+        /// The events.
+        reply: oneshot::Sender<AlarmHistory>,
+    },
+}
+
+/// Alarm events held in memory.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct AlarmHistory {
+    /// Oldest first.
+    pub events: Vec<AlarmEvent>,
+    /// Number of older events that fell out.
+    pub dropped: u64,
 }
 
 /// Why a shard did not take a request.
@@ -125,6 +139,12 @@ pub struct MachineHandle {
     pub view: watch::Receiver<Arc<MachineView>>,
     /// Asks the machine's shard.
     pub submit: Submit,
+}
+
+impl std::fmt::Debug for MachineHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("MachineHandle").field("machine", &self.machine.id).finish_non_exhaustive()
+    }
 }
 
 /// An alarm transition with the machine it happened on.
