@@ -60,6 +60,8 @@ pub struct MachineView {
 pub struct Waveform {
     /// First sample.
     pub start: u64,
+    /// Stream time of the first sample, s.
+    pub start_time_s: f64,
     /// Samples, contiguous, canonical unit, channel offset left out.
     pub samples: Vec<f32>,
 }
