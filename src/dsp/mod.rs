@@ -1,1 +1,33 @@
-//! (to be written)
+//! The numeric core: slices in, slices or values out.
+//!
+//! Everything is generic over [`real::Real`] (`f32` for the running monitor, `f64` as reference).
+//! What a kernel needs between calls is a named plan: *plans allocate, processing does not*. The
+//! plans that start from one spectrum share one forward transform ([`fft::ForwardPlan`]); the plans
+//! of one length share their twiddles through one [`fft::FftCache`].
+//!
+//! Conventions of every kernel: samples are finite (a NaN in gives a NaN out; keeping it out is the
+//! caller's duty), frequencies are in Hz, amplitudes zero-to-peak, moments population moments
+//! (1/N) with the mean removed, phase is lag (A·cos(θ − φ)). A zero denominator gives `None`, never
+//! 0 or ∞. A slice whose length does not fit its plan is a fault of the caller and panics. Equation
+//! numbers D1… refer to `docs/theory-dsp.md`.
+//!
+//! Must not know machines, sensors, baselines or thresholds: only rates, frequencies and lengths.
+
+pub mod real;
+pub mod stats;
+pub mod window;
+pub mod fft;
+pub mod spectrum;
+pub mod line;
+pub mod absolute;
+pub mod envelope;
+pub mod whiten;
+pub mod integrate;
+pub mod cwt;
+pub mod tacho;
+pub mod order;
+pub mod tsa;
+pub mod gear;
+
+#[cfg(test)]
+mod reference;

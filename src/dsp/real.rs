@@ -1,0 +1,77 @@
+//! The number a kernel works in: `f32` or `f64`, nothing else.
+//!
+//! The trait is sealed so that a kernel's accuracy needs to be shown for two types only. Must not
+//! know any kernel.
+
+use std::ops::{AddAssign, MulAssign, SubAssign};
+
+use rustfft::FftNum;
+
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for f32 {}
+    impl Sealed for f64 {}
+}
+
+/// A floating-point number of the numeric core.
+///
+/// Sums, gains, phases and time are f64 in every kernel; `Self` is what samples and spectra are
+/// stored in.
+pub trait Real:
+    sealed::Sealed + FftNum + Default + PartialOrd + AddAssign + SubAssign + MulAssign
+{
+    /// Rounds to the nearest representable number (the identity for f64).
+    fn rounded(x: f64) -> Self;
+
+    /// Widens exactly.
+    fn to_f64(self) -> f64;
+
+    /// Takes the square root in this precision.
+    fn square_root(self) -> Self;
+}
+
+impl Real for f32 {
+    fn rounded(x: f64) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
+        let rounded = x as f32;
+        rounded
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+
+    fn square_root(self) -> Self {
+        self.sqrt()
+    }
+}
+
+impl Real for f64 {
+    fn rounded(x: f64) -> Self {
+        x
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+
+    fn square_root(self) -> Self {
+        self.sqrt()
+    }
+}
+
+/// Rounds a non-negative position down to an index; negative and NaN give 0, too large saturates.
+pub(in crate::dsp) fn floor_index(position: f64) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate, which is the stated behaviour"
+    )]
+    let index = position.floor() as usize;
+    index
+}
+
+/// Rounds a non-negative position up to an index; negative and NaN give 0, too large saturates.
+pub(in crate::dsp) fn ceil_index(position: f64) -> usize {
+    floor_index(position.ceil())
+}

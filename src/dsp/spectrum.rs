@@ -1,0 +1,268 @@
+//! Amplitude spectrum and power spectral density.
+//!
+//! For looking and for noise levels. The height of a bin is up to 15 % below the amplitude of a line
+//! between two bins: an amplitude at a known frequency comes from [`crate::dsp::line`]. Must not know
+//! which lines matter.
+
+use rustfft::num_complex::Complex;
+use rustfft::num_traits::Zero;
+
+use crate::dsp::fft;
+use crate::dsp::fft::FftCache;
+use crate::dsp::fft::ForwardPlan;
+use crate::dsp::real::Real;
+use crate::dsp::window::Shape;
+use crate::dsp::window::Window;
+
+/// Hann-weighted transform of n samples, mean removed, zero-padded to a longer length.
+#[derive(Debug)]
+pub(in crate::dsp) struct HannTransform<T: Real> {
+    pub(in crate::dsp) window: Window<T>,
+    forward: ForwardPlan<T>,
+    x_hat: Vec<Complex<T>>,
+}
+
+impl<T: Real> HannTransform<T> {
+    pub(in crate::dsp) fn new(n: usize, n_padded: usize, cache: &mut FftCache<T>) -> Self {
+        assert!(n > 0 && n_padded >= n, "padding makes a record longer");
+        Self {
+            window: Window::new(Shape::Hann, n),
+            forward: ForwardPlan::new(n_padded, cache),
+            x_hat: vec![Complex::zero(); fft::n_bins(n_padded)],
+        }
+    }
+
+    pub(in crate::dsp) fn n_samples(&self) -> usize {
+        self.window.weights.len()
+    }
+
+    pub(in crate::dsp) fn n_padded(&self) -> usize {
+        self.forward.n_samples()
+    }
+
+    pub(in crate::dsp) fn n_bins(&self) -> usize {
+        self.x_hat.len()
+    }
+
+    /// Returns the spectrum of (x − mean)·w and the mean.
+    pub(in crate::dsp) fn process(&mut self, x: &[T]) -> (&[Complex<T>], f64) {
+        let mean = self.forward.process_weighted(x, &self.window.weights, &mut self.x_hat);
+        (&self.x_hat, mean)
+    }
+
+    /// Weight of bin `k` in a one-sided sum: 2, or 1 where a bin is its own mirror.
+    pub(in crate::dsp) fn sides(&self, k: usize) -> f64 {
+        if k == 0 || 2 * k == self.n_padded() { 1.0 } else { 2.0 }
+    }
+}
+
+/// Single-sided zero-to-peak Hann amplitude spectrum (D7).
+#[derive(Debug)]
+pub struct AmplitudePlan<T: Real> {
+    transform: HannTransform<T>,
+}
+
+impl<T: Real> AmplitudePlan<T> {
+    /// Plans for `n` samples; bins every fs/n.
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0.
+    #[must_use]
+    pub fn new(n: usize, cache: &mut FftCache<T>) -> Self {
+        Self::new_padded(n, n, cache)
+    }
+
+    /// Plans for `n` samples on the finer grid fs/`n_padded` (interpolated, no more resolution).
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0 or `n_padded` < `n`.
+    #[must_use]
+    pub fn new_padded(n: usize, n_padded: usize, cache: &mut FftCache<T>) -> Self {
+        Self { transform: HannTransform::new(n, n_padded, cache) }
+    }
+
+    /// Samples per call.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.transform.n_samples()
+    }
+
+    /// Amplitudes written per call: ⌊n_padded/2⌋ + 1.
+    #[must_use]
+    pub fn n_bins(&self) -> usize {
+        self.transform.n_bins()
+    }
+
+    /// Distance of two bins, Hz.
+    #[must_use]
+    pub fn bin_width_hz(&self, fs_hz: f64) -> f64 {
+        fs_hz / self.transform.n_padded() as f64
+    }
+
+    /// Writes the amplitude at k·fs/n_padded into `out[k]` and returns the mean of `x`.
+    ///
+    /// `x`: n samples, unit u; its mean is removed first. `out`: zero-to-peak amplitudes, u. A sine
+    /// of amplitude A on a bin reads A; between two bins down to 0.849 A (unpadded).
+    ///
+    /// # Panics
+    ///
+    /// If a slice does not have the plan's length.
+    pub fn process(&mut self, x: &[T], out: &mut [T]) -> f64 {
+        assert_eq!(out.len(), self.n_bins(), "bins of the plan");
+        let n_padded = self.transform.n_padded();
+        let line = T::rounded(2.0 / self.transform.window.sum);
+        let (x_hat, mean) = self.transform.process(x);
+        for (amplitude, value) in out.iter_mut().zip(x_hat) {
+            *amplitude = value.norm_sqr().square_root() * line;
+        }
+        let half = T::rounded(0.5);
+        out[0] *= half;
+        if n_padded.is_multiple_of(2) {
+            out[n_padded / 2] *= half;
+        }
+        mean
+    }
+}
+
+/// One-sided power spectral density by Welch's method: Hann, 50 % overlap (D8).
+#[derive(Debug)]
+pub struct WelchPlan<T: Real> {
+    transform: HannTransform<T>,
+    power: Vec<f64>,
+}
+
+impl<T: Real> WelchPlan<T> {
+    /// Plans for segments of `n_segment` samples, each with its own mean removed.
+    ///
+    /// # Panics
+    ///
+    /// If `n_segment` is 0.
+    #[must_use]
+    pub fn new(n_segment: usize, cache: &mut FftCache<T>) -> Self {
+        let transform = HannTransform::new(n_segment, n_segment, cache);
+        let power = vec![0.0; transform.n_bins()];
+        Self { transform, power }
+    }
+
+    /// Densities written per call: ⌊n_segment/2⌋ + 1, at k·fs/n_segment.
+    #[must_use]
+    pub fn n_bins(&self) -> usize {
+        self.power.len()
+    }
+
+    /// Writes the density of `x` into `out` and returns the number of segments averaged.
+    ///
+    /// `x`: any length, unit u, at `fs_hz`; samples behind the last whole segment are not used.
+    /// `out`: u²/Hz, one-sided; its sum times fs/n_segment is the variance. With a record shorter
+    /// than a segment, 0 is returned and `out` is 0.
+    ///
+    /// # Panics
+    ///
+    /// If `out` does not have the plan's length.
+    pub fn process(&mut self, x: &[T], fs_hz: f64, out: &mut [T]) -> usize {
+        assert_eq!(out.len(), self.n_bins(), "bins of the plan");
+        let n = self.transform.n_samples();
+        let hop = (n / 2).max(1);
+        self.power.fill(0.0);
+        let mut n_averages = 0;
+        for segment in x.windows(n).step_by(hop) {
+            let (x_hat, _) = self.transform.process(segment);
+            for (power, value) in self.power.iter_mut().zip(x_hat) {
+                *power += value.norm_sqr().to_f64();
+            }
+            n_averages += 1;
+        }
+        let averages = n_averages.max(1) as f64;
+        let scale = 1.0 / (fs_hz * self.transform.window.sum_of_squares * averages);
+        for (k, (density, power)) in out.iter_mut().zip(&self.power).enumerate() {
+            *density = T::rounded(power * scale * self.transform.sides(k));
+        }
+        n_averages
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dsp::reference::dft;
+    use crate::dsp::reference::gaussian_noise;
+    use crate::dsp::reference::largest_difference;
+    use crate::dsp::reference::narrow;
+    use crate::dsp::reference::sine;
+    use crate::dsp::stats::Moments;
+
+    fn amplitudes<T: Real>(x: &[f64]) -> Vec<T> {
+        let mut plan = AmplitudePlan::new(x.len(), &mut FftCache::new());
+        let mut out = vec![T::zero(); plan.n_bins()];
+        plan.process(&narrow::<T>(x), &mut out);
+        out
+    }
+
+    /// The amplitude spectrum as its definition says.
+    fn slow_amplitudes(x: &[f64]) -> Vec<f64> {
+        let n = x.len();
+        let mean = x.iter().sum::<f64>() / n as f64;
+        let w = |i: usize| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / n as f64).cos();
+        let gain: f64 = (0..n).map(w).sum();
+        let weighted = |(i, v): (usize, &f64)| Complex::new((v - mean) * w(i), 0.0);
+        let spectrum = dft(&x.iter().enumerate().map(weighted).collect::<Vec<_>>());
+        let sides = |k: usize| if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
+        (0..=n / 2).map(|k| sides(k) * spectrum[k].norm() / gain).collect()
+    }
+
+    #[test]
+    fn matches_the_definition() {
+        for n in [3, 64, 97, 250] {
+            let x = gaussian_noise(n, 1);
+            // f64: rounding of an FFT; f32: 1e-7 of the largest line, times some.
+            assert!(largest_difference(&amplitudes::<f64>(&x), &slow_amplitudes(&x)) < 1e-13);
+            assert!(largest_difference(&amplitudes::<f32>(&x), &slow_amplitudes(&x)) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_sine_on_a_bin_reads_its_amplitude_whatever_the_offset() {
+        let x: Vec<f64> = sine(1000, 1000.0, 50.0, 2.5, 1.0).iter().map(|v| v + 1e3).collect();
+        let spectrum = amplitudes::<f64>(&x);
+        // 1e3 of offset leaves 1e-13 of rounding per sample.
+        assert!((spectrum[50] - 2.5).abs() < 1e-11);
+        assert!(spectrum[0] < 1e-11 && spectrum[200] < 1e-11);
+        // Half a bin off: the Hann scalloping loss 8/(3π) = 0.8488, textbook.
+        let between = amplitudes::<f64>(&sine(1000, 1000.0, 50.5, 1.0, 0.0));
+        assert!((between[50] - 8.0 / (3.0 * std::f64::consts::PI)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn constants_zeros_and_single_samples_read_zero() {
+        for x in [vec![5.0], vec![5.0, 5.0], vec![3.0; 17], vec![0.0; 16]] {
+            assert!(amplitudes::<f32>(&x).iter().all(|a| a.abs() <= 0.0));
+        }
+    }
+
+    #[test]
+    fn density_integrates_to_the_variance() {
+        let x = gaussian_noise(100_000, 9);
+        let fs_hz = 1000.0;
+        let mut plan = WelchPlan::<f32>::new(1024, &mut FftCache::new());
+        let mut out = vec![0.0; plan.n_bins()];
+        let n_averages = plan.process(&narrow(&x), fs_hz, &mut out);
+        assert_eq!(n_averages, (100_000 - 1024) / 512 + 1);
+        let total: f64 = out.iter().map(|p| f64::from(*p)).sum::<f64>() * fs_hz / 1024.0;
+        let variance = Moments::of(&x).variance().unwrap();
+        // Segment means take 1/1024 away; the estimate scatters by √(2/1e5·~1.1) = 0.5 %.
+        assert!((total / variance - 1.0).abs() < 0.015, "{total} {variance}");
+        // White: a flat 2σ²/fs; an average over 100 bins × 190 averages scatters by 1 %.
+        let level = out[100..200].iter().map(|p| f64::from(*p)).sum::<f64>() / 100.0;
+        assert!((level * fs_hz / 2.0 / variance - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn a_record_shorter_than_a_segment_has_no_density() {
+        let mut plan = WelchPlan::<f64>::new(64, &mut FftCache::new());
+        let mut out = vec![1.0; plan.n_bins()];
+        assert_eq!(plan.process(&[1.0; 63], 100.0, &mut out), 0);
+        assert!(out.iter().all(|p| *p <= 0.0));
+    }
+}

@@ -1,0 +1,174 @@
+//! Spectral whitening that takes discrete lines down to their surroundings.
+//!
+//! Flattens resonances and transfer paths and suppresses the steady lines of shafts and gears, so
+//! that what is left of an impact train decides the envelope. Must not know bearings or gears.
+
+use rustfft::num_complex::Complex;
+
+use crate::dsp::fft;
+use crate::dsp::real::Real;
+use crate::dsp::stats;
+
+/// RMS of a Rayleigh magnitude (the bins of Gaussian noise) over its median: 1/√(ln 2).
+const RMS_PER_MEDIAN: f64 = 1.201_122_408_786_449_8;
+
+/// Divides each bin by the local noise level and limits what stands above it (D17).
+///
+/// The level is the median magnitude of blocks of 2·half-width bins, scaled to the RMS of noise,
+/// linear between block centres: a line narrower than half a block does not move it.
+#[derive(Debug)]
+pub struct WhitenPlan<T: Real> {
+    n: usize,
+    block: usize,
+    clip: f64,
+    magnitudes: Vec<T>,
+    levels: Vec<f64>,
+}
+
+impl<T: Real> WhitenPlan<T> {
+    /// Plans for the spectra of `n` samples; levels over ± `half_width_bins` (at least 8), bins above
+    /// `clip` (> 0) times the level are set to the level, phase kept.
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0 or `clip` is not positive.
+    #[must_use]
+    pub fn new(n: usize, half_width_bins: usize, clip: f64) -> Self {
+        assert!(n > 0 && clip > 0.0, "samples and a limit");
+        let n_bins = fft::n_bins(n);
+        let block = half_width_bins.max(8).saturating_mul(2).min(n_bins);
+        let n_blocks = (n_bins / block).max(1);
+        Self {
+            n,
+            block: n_bins.div_ceil(n_blocks),
+            clip,
+            magnitudes: Vec::with_capacity(n_bins),
+            levels: vec![0.0; n_blocks],
+        }
+    }
+
+    /// Writes the whitened spectrum into `out` and returns the number of bins that were limited.
+    ///
+    /// `x_hat`: the spectrum of n samples ([`fft::ForwardPlan`]), any unit. `out`: as many bins,
+    /// dimensionless: noise of any colour becomes noise of unit variance (|out|² = n on average).
+    /// Where the level is 0 (no signal), the bins become 0.
+    ///
+    /// # Panics
+    ///
+    /// If a slice does not have the plan's length.
+    pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Complex<T>]) -> usize {
+        assert_eq!(x_hat.len(), fft::n_bins(self.n), "bins of the plan");
+        assert_eq!(out.len(), x_hat.len(), "one bin per bin");
+        for (level, bins) in self.levels.iter_mut().zip(x_hat.chunks(self.block)) {
+            self.magnitudes.clear();
+            self.magnitudes.extend(bins.iter().map(|x| x.norm_sqr().square_root()));
+            let median = stats::median(&mut self.magnitudes);
+            *level = median.map_or(0.0, |median| median.to_f64() * RMS_PER_MEDIAN);
+        }
+        let unit = (self.n as f64).sqrt();
+        let mut n_limited = 0;
+        for (k, (out, x)) in out.iter_mut().zip(x_hat).enumerate() {
+            let magnitude = x.norm_sqr().square_root().to_f64();
+            let level = self.level_at(k);
+            let gain = if level <= 0.0 {
+                0.0
+            } else if magnitude > self.clip * level {
+                n_limited += 1;
+                unit / magnitude
+            } else {
+                unit / level
+            };
+            *out = x.scale(T::rounded(gain));
+        }
+        n_limited
+    }
+
+    /// Interpolates the level at bin `k`; constant outside the first and last block centres.
+    fn level_at(&self, k: usize) -> f64 {
+        let position = (k as f64 + 0.5) / self.block as f64 - 0.5;
+        let last = self.levels.len() - 1;
+        let below = crate::dsp::real::floor_index(position.max(0.0)).min(last);
+        let above = (below + 1).min(last);
+        let fraction = (position - below as f64).clamp(0.0, 1.0);
+        self.levels[below] + fraction * (self.levels[above] - self.levels[below])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rustfft::num_traits::Zero;
+
+    use super::*;
+    use crate::dsp::fft::FftCache;
+    use crate::dsp::fft::ForwardPlan;
+    use crate::dsp::reference::gaussian_noise;
+    use crate::dsp::reference::narrow;
+    use crate::dsp::reference::sine;
+    use crate::dsp::reference::sum;
+
+    fn spectrum<T: Real>(x: &[f64]) -> Vec<Complex<T>> {
+        let mut forward = ForwardPlan::new(x.len(), &mut FftCache::new());
+        let mut x_hat = vec![Complex::zero(); forward.n_bins()];
+        forward.process(&narrow::<T>(x), &mut x_hat);
+        x_hat
+    }
+
+    fn whitened<T: Real>(x: &[f64]) -> (Vec<Complex<T>>, usize) {
+        let x_hat = spectrum::<T>(x);
+        let mut out = vec![Complex::zero(); x_hat.len()];
+        let n_limited = WhitenPlan::new(x.len(), 50, 4.0).process(&x_hat, &mut out);
+        (out, n_limited)
+    }
+
+    /// Mean square of the time signal behind a spectrum, bins `range` only.
+    fn power<T: Real>(bins: &[Complex<T>], n: usize) -> f64 {
+        bins.iter().map(|x| x.norm_sqr().to_f64()).sum::<f64>() / bins.len() as f64 / n as f64
+    }
+
+    #[test]
+    fn white_noise_stays_flat_at_unit_level() {
+        let n = 20_000;
+        let (out, n_limited) = whitened::<f32>(&gaussian_noise(n, 6));
+        // A bin above 4 RMS has probability e^−16; 100 medians of 100 bins scatter by 10 % each.
+        assert!(n_limited <= 1);
+        for part in out.chunks_exact(2000) {
+            assert!((power(part, n) - 1.0).abs() < 0.15, "{}", power(part, n));
+        }
+    }
+
+    #[test]
+    fn coloured_noise_becomes_flat() {
+        // x[i] + x[i−1]: magnitude 2cos(πf/fs), a fall of 20 dB and more over the band.
+        let n = 20_000;
+        let white = gaussian_noise(n, 3);
+        let coloured: Vec<f64> = (0..n).map(|i| white[i] + white[(i + n - 1) % n]).collect();
+        let (out, _) = whitened::<f64>(&coloured);
+        for part in out[..9000].chunks(1500) {
+            assert!((power(part, n) - 1.0).abs() < 0.15, "{}", power(part, n));
+        }
+    }
+
+    #[test]
+    fn a_tone_is_reduced_to_the_floor_with_its_phase() {
+        let n = 20_000;
+        let x = sum(&[sine(n, n as f64, 3000.0, 10.0, 0.7), gaussian_noise(n, 12)]);
+        let before = spectrum::<f64>(&x);
+        let (out, n_limited) = whitened::<f64>(&x);
+        assert!(before[3000].norm() > 500.0 * before[3001].norm().min(200.0));
+        assert!(n_limited >= 1);
+        // Set to the level itself: √n exactly.
+        assert!((out[3000].norm() / (n as f64).sqrt() - 1.0).abs() < 1e-12);
+        assert!((out[3000].arg() - before[3000].arg()).abs() < 1e-12);
+        let (single, _) = whitened::<f32>(&x);
+        // f32 FFT: 1e-7 of the largest line, 1e5, against a floor of 140.
+        assert!((f64::from(single[3010].re) - out[3010].re).abs() < 0.1);
+    }
+
+    #[test]
+    fn silence_and_tiny_records_stay_finite() {
+        for x in [vec![0.0; 64], vec![2.0; 7], vec![1.0], vec![1.0, -1.0]] {
+            let (out, _) = whitened::<f32>(&x);
+            assert!(out.iter().all(|x| x.re.is_finite() && x.im.is_finite()));
+        }
+    }
+}
