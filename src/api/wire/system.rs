@@ -12,12 +12,10 @@ pub struct LiveWire {
 }
 
 /// Whether the daemon does its work.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
 pub struct ReadyWire {
-    /// Whether all sources are open and the pipeline moves.
+    /// Always true; what is not ready is told as a problem.
     pub ready: bool,
-    /// Why not; empty when ready.
-    pub reasons: Vec<String>,
 }
 
 /// The program and its streams.
