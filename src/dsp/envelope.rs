@@ -141,6 +141,7 @@ mod tests {
     use super::*;
     use crate::dsp::fft::ForwardPlan;
     use crate::dsp::line::line_at;
+    use crate::dsp::real::floor_index;
     use crate::dsp::reference::dft_of_real;
     use crate::dsp::reference::gaussian_noise;
     use crate::dsp::reference::narrow;
@@ -188,7 +189,7 @@ mod tests {
         let mut depth = vec![0.0; plan.n_bins()];
         let mean = plan.process(&e2, &mut depth).unwrap();
         let norm = 1.0 + m * m / 2.0;
-        let place = |f_hz: f64| (f_hz / plan.bin_width_hz(rate_hz)).round() as usize;
+        let place = |f_hz: f64| floor_index(f_hz / plan.bin_width_hz(rate_hz) + 0.5);
         // All periods are whole, so only rounding is left.
         assert!((mean - a * a * norm).abs() < 1e-11);
         assert!((depth[place(f_m_hz)] - 2.0 * m / norm).abs() < 1e-12);

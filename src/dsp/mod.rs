@@ -26,6 +26,7 @@ pub mod integrate;
 pub mod cwt;
 pub mod tacho;
 pub mod order;
+pub mod interpolate;
 pub mod tsa;
 pub mod gear;
 

@@ -1,1 +1,234 @@
-//! (to be written)
+//! Shaft phase over time.
+//!
+//! A [`PhaseTrack`] says how far the shaft has turned at each instant: from tacho pulses, or from a
+//! speed taken as constant. Revolution 0 is at the first pulse (at t = 0 for a constant speed). Must
+//! not know where the pulses come from.
+
+use crate::dsp::stats;
+
+/// Intervals on either side of one that decide what a normal interval is.
+const NEIGHBOURS: usize = 4;
+
+/// Turns of a shaft as a function of time, s from the first sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhaseTrack {
+    knots: Knots,
+    n_missing: usize,
+    n_double: usize,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Knots {
+    Constant { speed_hz: f64 },
+    Pulses { times_s: Vec<f64>, revolutions: Vec<f64> },
+}
+
+impl PhaseTrack {
+    /// A shaft that turns at `speed_hz` all the time, revolution 0 at t = 0; `None` unless the speed
+    /// is positive and finite.
+    #[must_use]
+    pub fn constant(speed_hz: f64) -> Option<Self> {
+        let turns = speed_hz > 0.0 && speed_hz.is_finite();
+        turns.then_some(Self { knots: Knots::Constant { speed_hz }, n_missing: 0, n_double: 0 })
+    }
+
+    /// Builds the track of ascending pulse times (D20).
+    ///
+    /// A pulse less than half a normal interval after the last one is dropped as double; an interval
+    /// of about k normal ones counts as k − 1 missing pulses. Normal is the median of the nine
+    /// intervals around. `None` with no `pulses_per_rev` or fewer than two pulses left.
+    #[must_use]
+    pub fn from_pulses(pulse_times_s: &[f64], pulses_per_rev: u32) -> Option<Self> {
+        if pulses_per_rev == 0 {
+            return None;
+        }
+        let intervals: Vec<f64> = pulse_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let mut times_s = vec![*pulse_times_s.first()?];
+        let mut revolutions = vec![0.0];
+        let (mut n_missing, mut n_double) = (0, 0);
+        let (mut last_s, mut n_pulses) = (pulse_times_s[0], 0.0);
+        for (i, time_s) in pulse_times_s.iter().enumerate().skip(1) {
+            let from = (i - 1).saturating_sub(NEIGHBOURS);
+            let around = &intervals[from..intervals.len().min(i + NEIGHBOURS)];
+            let mut sorted = [0.0; 2 * NEIGHBOURS + 1];
+            sorted[..around.len()].copy_from_slice(around);
+            let normal_s = stats::median(&mut sorted[..around.len()])?;
+            let n_intervals = (time_s - last_s) / normal_s;
+            if n_intervals.is_nan() || n_intervals < 0.5 {
+                n_double += 1;
+                continue;
+            }
+            let n_intervals = n_intervals.round().max(1.0);
+            n_missing += crate::dsp::real::floor_index(n_intervals) - 1;
+            n_pulses += n_intervals;
+            last_s = *time_s;
+            times_s.push(*time_s);
+            revolutions.push(n_pulses / f64::from(pulses_per_rev));
+        }
+        let enough = times_s.len() >= 2;
+        enough.then_some(Self {
+            knots: Knots::Pulses { times_s, revolutions },
+            n_missing,
+            n_double,
+        })
+    }
+
+    /// Pulses that were missing and have been bridged.
+    #[must_use]
+    pub fn n_missing(&self) -> usize {
+        self.n_missing
+    }
+
+    /// Pulses that came too early and have been dropped.
+    #[must_use]
+    pub fn n_double(&self) -> usize {
+        self.n_double
+    }
+
+    /// Gives the revolutions turned at `time_s`, linear between pulses; `None` outside the pulses.
+    #[must_use]
+    pub fn revolutions_at(&self, time_s: f64) -> Option<f64> {
+        match &self.knots {
+            Knots::Constant { speed_hz } => Some(time_s * speed_hz),
+            Knots::Pulses { times_s, revolutions } => interpolate(times_s, revolutions, time_s),
+        }
+    }
+
+    /// Gives the time at which `revolutions` are turned; `None` outside the pulses.
+    #[must_use]
+    pub fn time_at(&self, revolutions: f64) -> Option<f64> {
+        match &self.knots {
+            Knots::Constant { speed_hz } => Some(revolutions / speed_hz),
+            Knots::Pulses { times_s, revolutions: turned } => {
+                interpolate(turned, times_s, revolutions)
+            }
+        }
+    }
+
+    /// Gives the revolutions between `start_s` and `end_s` that the track covers, first and last.
+    #[must_use]
+    pub fn covered_revolutions(&self, start_s: f64, end_s: f64) -> Option<(f64, f64)> {
+        let (first, last) = match &self.knots {
+            Knots::Constant { .. } => (start_s, end_s),
+            Knots::Pulses { times_s, .. } => {
+                (times_s.first()?.max(start_s), times_s.last()?.min(end_s))
+            }
+        };
+        let covered = (self.revolutions_at(first)?, self.revolutions_at(last)?);
+        (covered.0 < covered.1).then_some(covered)
+    }
+
+    /// Mean speed over the whole track, Hz.
+    #[must_use]
+    pub fn mean_speed_hz(&self) -> f64 {
+        match &self.knots {
+            Knots::Constant { speed_hz } => *speed_hz,
+            Knots::Pulses { times_s, revolutions } => {
+                let span = |values: &[f64]| match values {
+                    [first, .., last] => last - first,
+                    [] | [_] => f64::NAN,
+                };
+                span(revolutions) / span(times_s)
+            }
+        }
+    }
+
+    /// Largest minus smallest mean speed of single revolutions, over the mean speed; 0 for a constant
+    /// speed, `None` if no whole revolution is covered.
+    #[must_use]
+    pub fn relative_excursion(&self) -> Option<f64> {
+        let Knots::Pulses { times_s, revolutions } = &self.knots else { return Some(0.0) };
+        let (mut slowest, mut fastest) = (f64::INFINITY, f64::NEG_INFINITY);
+        let mut end = 0;
+        for (start_s, start) in times_s.iter().zip(revolutions) {
+            // Half a pulse of slack against rounding of n/pulses_per_rev.
+            while end < revolutions.len() && revolutions[end] < start + 1.0 - 1e-9 {
+                end += 1;
+            }
+            let Some((end_s, end_rev)) = times_s.get(end).zip(revolutions.get(end)) else { break };
+            let speed_hz = (end_rev - start) / (end_s - start_s);
+            slowest = slowest.min(speed_hz);
+            fastest = fastest.max(speed_hz);
+        }
+        (fastest >= slowest).then(|| (fastest - slowest) / self.mean_speed_hz())
+    }
+}
+
+/// Linear interpolation of `y` over ascending `x`; `None` outside.
+fn interpolate(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
+    let above = x.partition_point(|knot| *knot <= at).min(x.len().checked_sub(1)?);
+    let below = above.checked_sub(1)?;
+    let (x0, x1) = (x[below], x[above]);
+    let inside = at >= x0 && at <= x1;
+    inside.then(|| y[below] + (y[above] - y[below]) * (at - x0) / (x1 - x0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn regular(n: usize) -> Vec<f64> {
+        (0..n).map(|i| 0.05 + 0.1 * i as f64).collect()
+    }
+
+    #[test]
+    fn a_regular_train_turns_steadily() {
+        let track = PhaseTrack::from_pulses(&regular(21), 1).unwrap();
+        assert!((track.mean_speed_hz() - 10.0).abs() < 1e-12);
+        assert!(track.relative_excursion().unwrap() < 1e-12);
+        assert!((track.revolutions_at(0.3).unwrap() - 2.5).abs() < 1e-12);
+        assert!((track.time_at(2.5).unwrap() - 0.3).abs() < 1e-12);
+        assert_eq!((track.revolutions_at(0.04), track.revolutions_at(2.06)), (None, None));
+        assert!((track.revolutions_at(2.05).unwrap() - 20.0).abs() < 1e-9, "ends included");
+        let (first, last) = track.covered_revolutions(0.0, 1.0).unwrap();
+        assert!(first.abs() < 1e-12 && (last - 9.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn missing_and_double_pulses_are_counted_and_bridged() {
+        let mut times_s = regular(40);
+        times_s.remove(30);
+        times_s.remove(12);
+        times_s.remove(12);
+        times_s.insert(5, times_s[4] + 0.01);
+        let track = PhaseTrack::from_pulses(&times_s, 4).unwrap();
+        assert_eq!((track.n_missing(), track.n_double()), (3, 1));
+        // 39 intervals of a quarter revolution, as if nothing had happened.
+        assert!((track.revolutions_at(regular(40)[39]).unwrap() - 9.75).abs() < 1e-9);
+        assert!(track.relative_excursion().unwrap() < 1e-9);
+    }
+
+    #[test]
+    fn a_run_up_is_not_taken_for_faults() {
+        // 10 to 20 Hz in 100 revolutions, angle 10t + αt²/2.
+        let rate = (400.0 - 100.0) / 200.0;
+        let time = |rev: f64| ((100.0 + 2.0 * rate * rev).sqrt() - 10.0) / rate;
+        let times_s: Vec<f64> = (0..=100).map(|rev| time(f64::from(rev))).collect();
+        let track = PhaseTrack::from_pulses(&times_s, 1).unwrap();
+        assert_eq!((track.n_missing(), track.n_double()), (0, 0));
+        // (20 − 10)/15 less half an interval at either end.
+        assert!((track.relative_excursion().unwrap() - 0.66).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_constant_speed_covers_all_times() {
+        let track = PhaseTrack::constant(12.5).unwrap();
+        assert_eq!(track.revolutions_at(2.0), Some(25.0));
+        assert_eq!(track.time_at(25.0), Some(2.0));
+        assert_eq!(track.relative_excursion(), Some(0.0));
+        assert_eq!(track.covered_revolutions(0.0, 1.0), Some((0.0, 12.5)));
+        for speed_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(PhaseTrack::constant(speed_hz), None);
+        }
+    }
+
+    #[test]
+    fn too_few_pulses_make_no_track() {
+        assert_eq!(PhaseTrack::from_pulses(&[], 1), None);
+        assert_eq!(PhaseTrack::from_pulses(&[1.0], 1), None);
+        assert_eq!(PhaseTrack::from_pulses(&[1.0, 1.0], 1), None);
+        assert_eq!(PhaseTrack::from_pulses(&[1.0, 2.0], 0), None);
+        let track = PhaseTrack::from_pulses(&[1.0, 2.0], 4).unwrap();
+        assert_eq!(track.relative_excursion(), None, "a quarter of a revolution");
+    }
+}

@@ -120,7 +120,7 @@ impl Moments {
     /// Span max − min, u; `None` for no samples.
     #[must_use]
     pub fn peak_to_peak(&self) -> Option<f64> {
-        (self.n > 0).then(|| self.max - self.min)
+        (self.n > 0).then_some(self.max - self.min)
     }
 
     /// Crest factor peak/RMS; `None` for no samples or a constant (D3).
@@ -214,17 +214,24 @@ fn of_block<T: Real>(x: &[T]) -> Moments {
     let shift = first.to_f64();
     let centre = sum_shifted(x, shift) / x.len() as f64;
     let (mut m2, mut m3, mut m4) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    let (mut min, mut max) = (*first, *first);
-    for chunk in x.chunks(LANES) {
-        for (lane, &value) in chunk.iter().enumerate() {
-            let d = (value.to_f64() - shift) - centre;
-            let square = d * d;
-            m2[lane] += square;
-            m3[lane] += square * d;
-            m4[lane] += square * square;
-            min = if value < min { value } else { min };
-            max = if value > max { value } else { max };
+    let (mut min, mut max) = ([*first; LANES], [*first; LANES]);
+    let mut add = |lane: usize, value: T| {
+        let d = (value.to_f64() - shift) - centre;
+        let square = d * d;
+        m2[lane] += square;
+        m3[lane] += square * d;
+        m4[lane] += square * square;
+        min[lane] = if value < min[lane] { value } else { min[lane] };
+        max[lane] = if value > max[lane] { value } else { max[lane] };
+    };
+    let (chunks, rest) = x.as_chunks::<LANES>();
+    for chunk in chunks {
+        for (lane, value) in chunk.iter().enumerate() {
+            add(lane, *value);
         }
+    }
+    for (lane, value) in rest.iter().enumerate() {
+        add(lane, *value);
     }
     Moments {
         n: x.len() as u64,
@@ -232,8 +239,8 @@ fn of_block<T: Real>(x: &[T]) -> Moments {
         m2: m2.iter().sum(),
         m3: m3.iter().sum(),
         m4: m4.iter().sum(),
-        min: min.to_f64(),
-        max: max.to_f64(),
+        min: min.iter().map(|v| v.to_f64()).fold(f64::INFINITY, f64::min),
+        max: max.iter().map(|v| v.to_f64()).fold(f64::NEG_INFINITY, f64::max),
     }
 }
 

@@ -12,13 +12,18 @@ pub mod limits;
 pub mod train;
 pub mod kinematics;
 pub mod file;
+pub mod report;
+
+use std::collections::BTreeMap;
 
 use bearing::Bearing;
 use gear::GearMesh;
 use limits::Limits;
 use motor::Motor;
-use sensor::Sensor;
+use sensor::{Location, Sensor};
 use shaft::Shaft;
+
+use crate::units::Hz;
 
 /// Place of a shaft in [`Machine::shafts`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -32,6 +37,10 @@ pub struct BearingIndex(pub usize);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct GearIndex(pub usize);
 
+/// Place of a motor in [`Machine::motors`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct MotorIndex(pub usize);
+
 /// A validated machine: every reference resolved, every shaft's speed ratio known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Machine {
@@ -43,7 +52,7 @@ pub struct Machine {
     pub iso_group: Option<limits::IsoGroup>,
     /// Rated power, kW.
     pub power_kw: Option<f64>,
-    /// Shafts; speeds of documents refer to the first.
+    /// Shafts, at least one; speeds of documents refer to the first.
     pub shafts: Vec<Shaft>,
     /// Rolling bearings.
     pub bearings: Vec<Bearing>,
@@ -55,4 +64,115 @@ pub struct Machine {
     pub sensors: Vec<Sensor>,
     /// Optional limits.
     pub limits: Limits,
+    /// `[capture.map]`: channel name to the place of its samples in foreign captures
+    /// (`/path[,column=K][,rate=HZ][,unit=U]`), not yet read.
+    pub capture_map: BTreeMap<String, String>,
+    /// Remarks of the file's reader that are no mistakes, e.g. a catalogue designation beside a
+    /// geometry; each names its line and key.
+    pub notes: Vec<String>,
+}
+
+/// A part of the machine at which a sensor sits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Component<'m> {
+    /// A shaft.
+    Shaft(&'m Shaft),
+    /// A bearing.
+    Bearing(&'m Bearing),
+    /// A gear mesh.
+    Gear(&'m GearMesh),
+}
+
+impl Component<'_> {
+    /// Identifier in the machine file.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        match self {
+            Self::Shaft(shaft) => &shaft.id,
+            Self::Bearing(bearing) => &bearing.id,
+            Self::Gear(gear) => &gear.id,
+        }
+    }
+}
+
+impl Machine {
+    /// The shaft at `index`.
+    ///
+    /// # Panics
+    ///
+    /// If the index comes from another machine.
+    #[must_use]
+    pub fn shaft(&self, index: ShaftIndex) -> &Shaft {
+        &self.shafts[index.0]
+    }
+
+    /// The bearing at `index`.
+    ///
+    /// # Panics
+    ///
+    /// If the index comes from another machine.
+    #[must_use]
+    pub fn bearing(&self, index: BearingIndex) -> &Bearing {
+        &self.bearings[index.0]
+    }
+
+    /// The gear mesh at `index`.
+    ///
+    /// # Panics
+    ///
+    /// If the index comes from another machine.
+    #[must_use]
+    pub fn gear(&self, index: GearIndex) -> &GearMesh {
+        &self.gears[index.0]
+    }
+
+    /// Speed of a shaft when the first one turns at `first`; `None` when nothing connects them.
+    ///
+    /// # Panics
+    ///
+    /// If the index comes from another machine.
+    #[must_use]
+    pub fn shaft_speed(&self, index: ShaftIndex, first: Hz) -> Option<Hz> {
+        self.shaft(index).ratio_to_first.map(|ratio| Hz(ratio * first.0))
+    }
+
+    /// Nominal speed of the first shaft, to which the speeds of documents refer.
+    #[must_use]
+    pub fn nominal_speed(&self) -> Option<Hz> {
+        self.shafts.first().and_then(|shaft| shaft.nominal_speed)
+    }
+
+    /// The part a sensor of this machine sits at; `None` when the file names none.
+    ///
+    /// # Panics
+    ///
+    /// If the sensor comes from another machine.
+    #[must_use]
+    pub fn component_at(&self, sensor: &Sensor) -> Option<Component<'_>> {
+        Some(match sensor.at? {
+            Location::Shaft(index) => Component::Shaft(self.shaft(index)),
+            Location::Bearing(index) => Component::Bearing(self.bearing(index)),
+            Location::Gear(index) => Component::Gear(self.gear(index)),
+        })
+    }
+
+    /// The shaft whose turns a sensor hears first: that of its place; of a mesh, the driving one.
+    ///
+    /// # Panics
+    ///
+    /// If the sensor comes from another machine.
+    #[must_use]
+    pub fn shaft_at(&self, sensor: &Sensor) -> Option<ShaftIndex> {
+        Some(match sensor.at? {
+            Location::Shaft(index) => index,
+            Location::Bearing(index) => self.bearing(index).shaft,
+            Location::Gear(index) => self.gear(index).driving.shaft,
+        })
+    }
+
+    /// Limits in force: those of `[limits]`, else the zones of the ISO group.
+    #[must_use]
+    pub fn limits_in_force(&self) -> Limits {
+        self.limits.or_zones_of(self.iso_group)
+    }
 }
