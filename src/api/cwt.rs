@@ -105,9 +105,8 @@ impl CwtRequest {
             return Err(ApiError::Invalid("min_hz must lie below max_hz".to_owned()));
         }
         let ratio = high_hz / low_hz;
-        let frequency_hz = (0..n_rows)
-            .map(|row| low_hz * ratio.powf(row as f64 / (n_rows - 1) as f64))
-            .collect();
+        let frequency_hz =
+            (0..n_rows).map(|row| low_hz * ratio.powf(row as f64 / (n_rows - 1) as f64)).collect();
         Ok(Self { n_window, frequency_hz, n_times })
     }
 

@@ -34,9 +34,7 @@ pub(super) async fn headers(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
     headers.extend(SECURITY_HEADERS);
-    headers
-        .entry(header::CACHE_CONTROL)
-        .or_insert(const { HeaderValue::from_static("no-store") });
+    headers.entry(header::CACHE_CONTROL).or_insert(const { HeaderValue::from_static("no-store") });
     response
 }
 
@@ -104,7 +102,11 @@ fn is_this_server(host: &str, bound: SocketAddr) -> bool {
 }
 
 /// Refuses a request when as many as allowed are being answered.
-pub(super) async fn concurrency(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+pub(super) async fn concurrency(
+    State(state): State<ApiState>,
+    request: Request,
+    next: Next,
+) -> Response {
     match state.requests.try_acquire() {
         Ok(_permit) => next.run(request).await,
         Err(_) => ApiError::Busy("too many requests are being answered").into_response(),

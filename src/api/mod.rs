@@ -90,6 +90,13 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
     routes().merge(live_routes()).into_openapi()
 }
 
+/// Gives the OpenAPI document as indented JSON.
+#[must_use]
+pub fn openapi_text() -> String {
+    // A document made of texts, numbers and lists always has a JSON form.
+    openapi().to_pretty_json().unwrap_or_default() + "\n"
+}
+
 /// Gives the whole service: the API, and `pages` (the dashboard) under the same guards.
 #[must_use]
 pub fn router(state: ApiState, pages: Router) -> Router {
@@ -111,8 +118,5 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .layer(timeout)
         .layer(CatchPanicLayer::custom(guard::panicked))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    limited
-        .merge(live)
-        .fallback(async || ApiError::of_status(StatusCode::NOT_FOUND))
-        .layer(guards)
+    limited.merge(live).fallback(async || ApiError::of_status(StatusCode::NOT_FOUND)).layer(guards)
 }

@@ -72,8 +72,7 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
     let streams = state.machines.iter().map(|(id, handle)| {
         let view = newest(handle);
         let (source, reason) = source_text(&view.source);
-        let sum =
-            |count: fn(&crate::buffer::RingStatus) -> u64| view.rings.iter().map(count).sum();
+        let sum = |count: fn(&crate::buffer::RingStatus) -> u64| view.rings.iter().map(count).sum();
         StreamWire {
             machine: id.clone(),
             source: source.to_owned(),
@@ -106,13 +105,6 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
 )]
 pub(super) async fn openapi_json() -> Response {
     static TEXT: OnceLock<String> = OnceLock::new();
-    let text = TEXT.get_or_init(document);
+    let text = TEXT.get_or_init(super::openapi_text);
     ([(header::CONTENT_TYPE, "application/json")], text.as_str()).into_response()
-}
-
-/// Gives the API document as JSON text.
-#[must_use]
-pub(super) fn document() -> String {
-    // A document made of strings, numbers and lists always has a JSON form.
-    super::openapi().to_pretty_json().unwrap_or_default() + "\n"
 }

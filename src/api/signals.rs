@@ -5,7 +5,6 @@ use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, channel, newest};
 use super::view::{MachineView, ShardRequest, SourceState, Waveform};
-use super::wire::machines::sensor_kind_text;
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{
     ChannelListWire, ChannelWire, TrendColumnWire, TrendWire, Validity, WaveformWire,
@@ -52,7 +51,7 @@ pub(super) async fn channels(
             unit: info.unit.symbol().to_owned(),
             sample_rate_hz: finite(info.sample_rate.0),
             offset: finite(info.offset),
-            sensor: sensor.map(|sensor| sensor_kind_text(sensor.kind).to_owned()),
+            sensor: sensor.map(|sensor| sensor.kind.name().to_owned()),
             unit_conflict: info.unit_conflict.clone().map(|(data, file)| [data, file]),
             oldest_sample: ring.oldest.0,
             end_sample: ring.newest.0,
@@ -308,8 +307,7 @@ pub(super) async fn trend(
     let handle = state.machine(&id)?;
     let view: Arc<MachineView> = newest(handle);
     let (index, _) = channel(&view, &name)?;
-    let trend =
-        state.ask(handle, |reply| ShardRequest::Trend { channel: index, reply }).await?;
+    let trend = state.ask(handle, |reply| ShardRequest::Trend { channel: index, reply }).await?;
     let wanted: Option<Vec<&str>> =
         query.features.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let known = |wanted: &&str| trend.columns.iter().any(|(name, ..)| name == wanted);

@@ -290,13 +290,10 @@ impl SpectrumRequest {
         // Half a bin of tolerance: a border meant to be on a bin must not miss it by rounding.
         let slack_hz = 1e-6 * bins.width_hz;
         let shown: Vec<usize> = (0..bins.value.len())
-            .filter(|k| {
-                (low_hz - slack_hz..=high_hz + slack_hz).contains(&frequency_hz(*k))
-            })
+            .filter(|k| (low_hz - slack_hz..=high_hz + slack_hz).contains(&frequency_hz(*k)))
             .collect();
-        let kept = decimate::peaks(shown.len(), self.max_points, |i| {
-            f64::from(bins.value[shown[i]])
-        });
+        let kept =
+            decimate::peaks(shown.len(), self.max_points, |i| f64::from(bins.value[shown[i]]));
         let factor = match self.detector {
             Detector::Rms => std::f64::consts::FRAC_1_SQRT_2,
             Detector::ZeroToPeak => 1.0,
@@ -347,7 +344,9 @@ fn refuse_strangers(query: &SpectrumQuery) -> Result<(), ApiError> {
         ),
     ];
     match strangers.iter().find(|(is_strange, ..)| *is_strange) {
-        Some((_, name, why)) => Err(ApiError::Invalid(format!("{name} is not allowed here: {why}"))),
+        Some((_, name, why)) => {
+            Err(ApiError::Invalid(format!("{name} is not allowed here: {why}")))
+        }
         None => Ok(()),
     }
 }
@@ -398,9 +397,10 @@ fn absolute(
     let end = (start + x.len() as u64).min(y.start + y.samples.len() as u64);
     let n = usize::try_from(end.saturating_sub(first)).unwrap_or(0);
     let from = |begin: u64| usize::try_from(first - begin).unwrap_or(usize::MAX);
-    let (Some(x_part), Some(y_part)) =
-        (x.get(from(start)..).and_then(|x| x.get(..n)), y.samples.get(from(y.start)..).and_then(|y| y.get(..n)))
-    else {
+    let (Some(x_part), Some(y_part)) = (
+        x.get(from(start)..).and_then(|x| x.get(..n)),
+        y.samples.get(from(y.start)..).and_then(|y| y.get(..n)),
+    ) else {
         return Err(ApiError::NotFound("the two channels hold no samples of one time".to_owned()));
     };
     let mut out = vec![0.0; n];
@@ -409,16 +409,14 @@ fn absolute(
     Ok(first)
 }
 
-/// Finds the channel of the sensor that stands 90° ± 5° from the one of `name`.
+/// Finds the channel of the sensor that forms a pair with the one of `name`.
 fn partner<'m>(machine: &'m Machine, name: &str) -> Result<&'m str, ApiError> {
-    let this = machine.sensors.iter().find(|sensor| sensor.channel == name);
-    let is_partner = |this: &Sensor, that: &Sensor| {
-        let Some((a, b)) = this.axis_deg.zip(that.axis_deg) else { return false };
-        let apart_deg = (a - b).rem_euclid(180.0);
-        this.kind == that.kind && this.at == that.at && (apart_deg - 90.0).abs() <= 5.0
-    };
-    this.and_then(|this| machine.sensors.iter().find(|that| is_partner(this, that)))
-        .map(|that| that.channel.as_str())
+    let channel = |index: usize| machine.sensors[index].channel.as_str();
+    machine
+        .sensor_pairs()
+        .into_iter()
+        .map(|pair| (channel(pair.x), channel(pair.y)))
+        .find_map(|(x, y)| if x == name { Some(y) } else { (y == name).then_some(x) })
         .ok_or_else(|| {
             ApiError::Invalid(format!(
                 "no sensor of the same kind and place stands 90° ± 5° from {name:?}; name the other \

@@ -1,12 +1,16 @@
 //! Machines, their description and their health as JSON.
 
+use super::diagnosis::CoverageWire;
 use super::names::{DataQualityName, FaultName, KindName, OperatingStateName, StateName};
-use super::{diagnosis::CoverageWire, finite, rfc3339};
+use super::{finite, finite_column, rfc3339};
 use crate::api::view::{MachineView, SourceState};
+use crate::machine::bearing::{Bearing, BearingGeometry, RotatingRing};
+use crate::machine::kinematics::frequency_table;
 use crate::machine::limits::IsoGroup;
-use crate::machine::sensor::{Direction, Location, Sensor, SensorKind};
+use crate::machine::sensor::{Direction, Sensor};
 use crate::machine::shaft::Rotation;
-use crate::machine::{Machine, ShaftIndex};
+use crate::machine::{Component, Machine, ShaftIndex};
+use crate::units::Hz;
 use schemars::JsonSchema;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -82,7 +86,7 @@ pub struct ShaftWire {
 }
 
 /// A rolling bearing.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct BearingWire {
     /// Id.
     pub id: String,
@@ -90,8 +94,16 @@ pub struct BearingWire {
     pub shaft: String,
     /// Maker's designation.
     pub catalogue: Option<String>,
-    /// Whether its geometry, and so its fault rates, are known.
-    pub geometry_known: bool,
+    /// Number of rolling elements; null, as the next three: geometry unknown.
+    pub elements: Option<u32>,
+    /// Rolling-element diameter, mm.
+    pub element_diameter_mm: Option<f64>,
+    /// Pitch diameter, mm.
+    pub pitch_diameter_mm: Option<f64>,
+    /// Contact angle, degrees.
+    pub contact_angle_deg: Option<f64>,
+    /// `inner` or `outer`.
+    pub rotating_ring: String,
 }
 
 /// A gear mesh.
@@ -240,10 +252,11 @@ pub fn source_text(source: &SourceState) -> (&'static str, Option<&str>) {
 
 /// Gives the state of the whole and whether it runs; both unknown before the first verdict.
 fn whole(view: &MachineView) -> (StateName, OperatingStateName) {
-    view.diagnosis.as_ref().map_or(
-        (StateName::Undetermined, OperatingStateName::Unknown),
-        |diagnosis| (diagnosis.state.into(), diagnosis.operating_state.into()),
-    )
+    view.diagnosis
+        .as_ref()
+        .map_or((StateName::Undetermined, OperatingStateName::Unknown), |diagnosis| {
+            (diagnosis.state.into(), diagnosis.operating_state.into())
+        })
 }
 
 impl MachineItemWire {
@@ -267,7 +280,9 @@ impl MachineWire {
     /// Makes the description of a machine.
     #[must_use]
     pub fn new(m: &Machine, view: &MachineView) -> Self {
-        let shaft_id = |index: ShaftIndex| m.shafts[index.0].id.clone();
+        let shaft_id = |index: ShaftIndex| m.shaft(index).id.clone();
+        let found = view.diagnosis.as_ref().and_then(|diagnosis| diagnosis.shaft_speed);
+        let speed = found.or_else(|| m.nominal_speed());
         let member = |gear: &crate::machine::gear::GearMember| GearMemberWire {
             shaft: shaft_id(gear.shaft),
             teeth: gear.teeth,
@@ -279,16 +294,7 @@ impl MachineWire {
             power_kw: m.power_kw.and_then(finite),
             state: whole(view).0,
             shafts: m.shafts.iter().map(ShaftWire::new).collect(),
-            bearings: m
-                .bearings
-                .iter()
-                .map(|bearing| BearingWire {
-                    id: bearing.id.clone(),
-                    shaft: shaft_id(bearing.shaft),
-                    catalogue: bearing.catalogue.clone(),
-                    geometry_known: bearing.geometry.is_some(),
-                })
-                .collect(),
+            bearings: m.bearings.iter().map(|bearing| BearingWire::new(bearing, m)).collect(),
             gears: m
                 .gears
                 .iter()
@@ -309,7 +315,42 @@ impl MachineWire {
                 })
                 .collect(),
             sensors: m.sensors.iter().map(|sensor| SensorWire::new(m, sensor)).collect(),
-            frequencies: None,
+            frequencies: speed.map(|speed| FrequencyTableWire::new(m, speed)),
+        }
+    }
+}
+
+impl BearingWire {
+    fn new(bearing: &Bearing, machine: &Machine) -> Self {
+        let geometry = bearing.geometry.as_ref();
+        let number = |read: fn(&BearingGeometry) -> f64| geometry.map(read).and_then(finite);
+        Self {
+            id: bearing.id.clone(),
+            shaft: machine.shaft(bearing.shaft).id.clone(),
+            catalogue: bearing.catalogue.clone(),
+            elements: geometry.map(BearingGeometry::elements),
+            element_diameter_mm: number(|g| g.element_diameter_m() * 1e3),
+            pitch_diameter_mm: number(|g| g.pitch_diameter_m() * 1e3),
+            contact_angle_deg: number(|g| g.contact_angle_rad().to_degrees()),
+            rotating_ring: match bearing.rotating_ring {
+                RotatingRing::Inner => "inner",
+                RotatingRing::Outer => "outer",
+            }
+            .to_owned(),
+        }
+    }
+}
+
+impl FrequencyTableWire {
+    fn new(machine: &Machine, first_shaft_speed: Hz) -> Self {
+        let lines = frequency_table(machine, first_shaft_speed).lines;
+        Self {
+            shaft_speed_hz: finite(first_shaft_speed.0),
+            owner_kind: lines.iter().map(|line| line.owner.kind_name().to_owned()).collect(),
+            owner: lines.iter().map(|line| line.owner_id.clone()).collect(),
+            label: lines.iter().map(|line| line.kind.label()).collect(),
+            frequency_hz: finite_column(lines.iter().map(|line| line.frequency.0)),
+            order: lines.iter().map(|line| line.order.and_then(|order| finite(order.0))).collect(),
         }
     }
 }
@@ -337,9 +378,9 @@ impl SensorWire {
     fn new(machine: &Machine, sensor: &Sensor) -> Self {
         Self {
             channel: sensor.channel.clone(),
-            kind: sensor_kind_text(sensor.kind).to_owned(),
+            kind: sensor.kind.name().to_owned(),
             unit: sensor.unit.as_ref().map(|(text, _)| text.clone()),
-            at: sensor.at.map(|at| LocationWire::new(machine, at)),
+            at: machine.component_at(sensor).map(LocationWire::new),
             axis_deg: sensor.axis_deg.and_then(finite),
             direction: sensor.direction.map(|direction| {
                 match direction {
@@ -354,13 +395,13 @@ impl SensorWire {
 }
 
 impl LocationWire {
-    fn new(machine: &Machine, at: Location) -> Self {
-        let (kind, id) = match at {
-            Location::Bearing(index) => ("bearing", &machine.bearings[index.0].id),
-            Location::Shaft(index) => ("shaft", &machine.shafts[index.0].id),
-            Location::Gear(index) => ("gear", &machine.gears[index.0].id),
+    fn new(at: Component<'_>) -> Self {
+        let kind = match at {
+            Component::Bearing(_) => "bearing",
+            Component::Shaft(_) => "shaft",
+            Component::Gear(_) => "gear",
         };
-        Self { kind: kind.to_owned(), id: id.clone() }
+        Self { kind: kind.to_owned(), id: at.id().to_owned() }
     }
 }
 
@@ -419,20 +460,5 @@ fn iso_group_text(group: IsoGroup) -> &'static str {
         IsoGroup::Group1Flexible => "1-flexible",
         IsoGroup::Group2Rigid => "2-rigid",
         IsoGroup::Group2Flexible => "2-flexible",
-    }
-}
-
-/// Gives a sensor kind as the machine file writes it.
-#[must_use]
-pub fn sensor_kind_text(kind: SensorKind) -> &'static str {
-    match kind {
-        SensorKind::Accelerometer => "accelerometer",
-        SensorKind::Velocity => "velocity",
-        SensorKind::Proximitor => "proximitor",
-        SensorKind::Tacho => "tacho",
-        SensorKind::Speed => "speed",
-        SensorKind::Load => "load",
-        SensorKind::Temperature => "temperature",
-        SensorKind::Process => "process",
     }
 }

@@ -85,7 +85,9 @@ pub struct WaveformWire {
 }
 
 /// Which spectrum.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, ToSchema)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum SpectrumKind {
     /// Amplitude, Hann.
