@@ -5,11 +5,8 @@
 
 use crate::alarms::ActionError;
 use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
-
-/// Seconds after which a busy daemon may be asked again.
-const RETRY_AFTER: HeaderValue = HeaderValue::from_static("1");
 
 /// Why a request was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -124,9 +121,6 @@ impl ApiError {
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         let mut response = self.status().into_response();
-        if matches!(self, Self::Busy(_) | Self::Timeout | Self::NotReady(_)) {
-            response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER);
-        }
         response.extensions_mut().insert(self);
         response
     }

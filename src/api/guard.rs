@@ -66,6 +66,10 @@ pub(super) async fn problems(request: Request, next: Next) -> Response {
     }
     let problem_json = const { HeaderValue::from_static("application/problem+json") };
     response.headers_mut().insert(header::CONTENT_TYPE, problem_json);
+    if status == StatusCode::SERVICE_UNAVAILABLE {
+        let one_second = const { HeaderValue::from_static("1") };
+        response.headers_mut().insert(header::RETRY_AFTER, one_second);
+    }
     response
 }
 

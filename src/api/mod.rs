@@ -98,7 +98,6 @@ pub fn openapi_text() -> String {
 }
 
 /// Gives the whole service: the API, and `pages` (the dashboard) under the same guards.
-#[must_use]
 pub fn router(state: ApiState, pages: Router) -> Router {
     let limited = Router::from(routes())
         .with_state(state.clone())

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use utoipa::IntoParams;
 
 /// Most samples of one answer: 16 MiB of f32.
-const MAX_SAMPLES: usize = 4_194_304;
+pub(super) const MAX_SAMPLES: usize = 4_194_304;
 
 /// Most points of a JSON column.
 pub(super) const MAX_POINTS: usize = 200_000;

@@ -3,7 +3,7 @@
 use super::decimate;
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
-use super::signals::{MAX_POINTS, Run, fetch, samples_in};
+use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
 use super::state::{ApiState, channel, newest};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{SpectrumKind, SpectrumWire, Validity};
@@ -159,6 +159,12 @@ impl SpectrumRequest {
         }
         let usual = if kind == SpectrumKind::Psd { 8 } else { 1 };
         let averages = in_range("averages", query.averages, usual, 1, MAX_AVERAGES)?;
+        let n_wanted = samples_of(n_window, averages);
+        if n_wanted > MAX_SAMPLES {
+            return Err(ApiError::Invalid(format!(
+                "averages is {averages}, which takes {n_wanted} samples, allowed are {MAX_SAMPLES}"
+            )));
+        }
         let nyquist_hz = fs_hz / 2.0;
         let shown_hz = (
             in_range("min_hz", query.min_hz, 0.0, 0.0, nyquist_hz)?,
@@ -192,9 +198,8 @@ impl SpectrumRequest {
         })
     }
 
-    /// Samples of all windows, which overlap by half.
     fn n_wanted(&self) -> usize {
-        self.n_window + (self.averages - 1) * (self.n_window / 2)
+        samples_of(self.n_window, self.averages)
     }
 
     fn compute(
@@ -325,6 +330,11 @@ impl SpectrumRequest {
             value: finite_column(kept.iter().map(|i| f64::from(bins.value[shown[*i]]) * factor)),
         }
     }
+}
+
+/// Samples of `averages` windows, which overlap by half.
+fn samples_of(n_window: usize, averages: usize) -> usize {
+    n_window + (averages - 1) * (n_window / 2)
 }
 
 /// Refuses parameters that the kind does not have.

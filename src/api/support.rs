@@ -31,7 +31,7 @@ pub(crate) const HELD_FROM: u64 = 1000;
 /// Samples a second of all channels but the probe.
 pub(crate) const FS_HZ: f64 = 4096.0;
 /// Length of what is held, s.
-pub(crate) const HELD_S: f64 = 8.0;
+pub(crate) const HELD_S: u32 = 8;
 /// Address the tests' service believes to be bound to.
 pub(crate) const HOST: &str = "127.0.0.1:8080";
 
@@ -292,7 +292,9 @@ pub(crate) fn sample(channel: usize, i: u64) -> f32 {
         2 => (TAU * 16.0 * t).sin().signum(),
         _ => 0.0,
     };
-    value as f32
+    #[expect(clippy::cast_possible_truncation, reason = "samples are f32")]
+    let sample = value as f32;
+    sample
 }
 
 fn channel_infos() -> Vec<ChannelInfo> {
@@ -313,7 +315,8 @@ fn channel_infos() -> Vec<ChannelInfo> {
 }
 
 fn ring_status(info: &ChannelInfo) -> RingStatus {
-    let n = (info.sample_rate.0 * HELD_S) as u64;
+    let n_probe = u64::from(2048 * HELD_S);
+    let n = if info.name == "probe" { n_probe } else { 2 * n_probe };
     RingStatus {
         oldest: SampleIndex(HELD_FROM),
         newest: SampleIndex(HELD_FROM + n),

@@ -58,7 +58,9 @@ async fn a_panic_is_a_problem_and_tells_nothing() {
 async fn a_request_that_takes_too_long_is_a_problem() {
     let service =
         Service::with(Behaviour::Answers, |s| s.request_timeout = Duration::from_millis(10));
-    assert!(service.get("/hangs").await.problem(503).contains("in time"));
+    let answer = service.get("/hangs").await;
+    assert!(answer.problem(503).contains("in time"));
+    assert_eq!(answer.header("retry-after"), "1");
 }
 
 #[tokio::test]
