@@ -1,3 +1,121 @@
-//! (to be written)
+//! HTTP: what the monitor knows, as JSON under `/api/v1` (OpenAPI 3.1 beside it).
+//!
+//! Reads the snapshots the shards publish and asks them for more; never blocks them. Routes and the
+//! document come from one registration ([`routes`]), so they cannot drift. Must not decide anything
+//! about machines: it shows, thins and converts.
 
 pub mod view;
+pub mod wire;
+pub mod error;
+pub mod state;
+mod extract;
+mod guard;
+mod decimate;
+mod machines;
+mod signals;
+mod spectra;
+mod cwt;
+mod alarms;
+mod service;
+#[cfg(test)]
+mod support;
+#[cfg(test)]
+mod tests;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::StatusCode;
+use axum::middleware::{from_fn, from_fn_with_state};
+use error::ApiError;
+use state::ApiState;
+use tower::ServiceBuilder;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::timeout::TimeoutLayer;
+use utoipa::OpenApi;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// Longest body taken.
+pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
+
+#[derive(OpenApi)]
+#[openapi(
+    info(
+        title = "rotorwatch",
+        description = "Condition monitor for gear-rotor-bearing drivetrains. Errors are problem \
+                       details (RFC 9457); series are columns of equal length; numbers that are \
+                       not finite are null.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+    ),
+    tags(
+        (name = "service", description = "The daemon itself"),
+        (name = "machines", description = "Machines and their health"),
+        (name = "signals", description = "Waveforms, spectra, scalograms, trends"),
+        (name = "alarms", description = "Alarms and operators' acts"),
+    ),
+)]
+struct Document;
+
+/// Every route with its description, but `/livez`.
+fn routes() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(service::readyz))
+        .routes(routes!(service::metrics))
+        .routes(routes!(service::system))
+        .routes(routes!(service::openapi_json))
+        .routes(routes!(machines::list))
+        .routes(routes!(machines::describe))
+        .routes(routes!(machines::health))
+        .routes(routes!(machines::diagnosis))
+        .routes(routes!(signals::channels))
+        .routes(routes!(signals::waveform))
+        .routes(routes!(signals::trend))
+        .routes(routes!(spectra::spectrum))
+        .routes(routes!(cwt::cwt))
+        .routes(routes!(alarms::list))
+        .routes(routes!(alarms::history))
+        .routes(routes!(alarms::show))
+        .routes(routes!(alarms::acknowledge))
+}
+
+/// `/livez` answers whatever the load.
+fn live_routes() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new().routes(routes!(service::livez))
+}
+
+/// Gives the OpenAPI 3.1 document.
+#[must_use]
+pub fn openapi() -> utoipa::openapi::OpenApi {
+    routes().merge(live_routes()).into_openapi()
+}
+
+/// Gives the OpenAPI document as indented JSON.
+#[must_use]
+pub fn openapi_text() -> String {
+    // A document made of texts, numbers and lists always has a JSON form.
+    openapi().to_pretty_json().unwrap_or_default() + "\n"
+}
+
+/// Gives the whole service: the API, and `pages` (the dashboard) under the same guards.
+pub fn router(state: ApiState, pages: Router) -> Router {
+    let limited = Router::from(routes())
+        .with_state(state.clone())
+        .merge(pages)
+        .layer(from_fn_with_state(state.clone(), guard::concurrency));
+    let live = Router::from(live_routes()).with_state(state.clone());
+    let timeout = TimeoutLayer::with_status_code(
+        StatusCode::SERVICE_UNAVAILABLE,
+        state.settings.request_timeout,
+    );
+    // Outermost first.
+    let guards = ServiceBuilder::new()
+        .layer(from_fn(guard::headers))
+        .layer(CompressionLayer::new())
+        .layer(from_fn(guard::problems))
+        .layer(from_fn_with_state(state, guard::host))
+        .layer(timeout)
+        .layer(CatchPanicLayer::custom(guard::panicked))
+        .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
+    limited.merge(live).fallback(async || ApiError::of_status(StatusCode::NOT_FOUND)).layer(guards)
+}

@@ -1,0 +1,168 @@
+//! What can go wrong with a request, and its status.
+//!
+//! Handlers return an [`ApiError`]; `guard::problems` writes the problem+json body (RFC 9457) for it
+//! and for every other answer from status 400, so that no error leaves in another shape.
+
+use crate::alarms::ActionError;
+use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+
+/// Why a request was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ApiError {
+    /// A value in path, query or body is not allowed.
+    #[error("{0}")]
+    Invalid(String),
+    /// There is no such thing; says what there is.
+    #[error("{0}")]
+    NotFound(String),
+    /// The path does not take this method.
+    #[error("this path does not take this method; see the Allow header")]
+    MethodNotAllowed,
+    /// None of the formats asked for can be sent.
+    #[error("{0}")]
+    NotAcceptable(String),
+    /// The thing is not in a state for this act.
+    #[error("{0}")]
+    Conflict(String),
+    /// The body is too long.
+    #[error("the body is longer than {max_bytes} bytes")]
+    TooLarge {
+        /// Longest body taken.
+        max_bytes: usize,
+    },
+    /// A body must be JSON.
+    #[error("the body must be JSON, with content-type: application/json")]
+    UnsupportedMediaType,
+    /// The Host header names another server (DNS rebinding).
+    #[error("the host {host:?} is not this server; allowed: {allowed}")]
+    ForeignHost {
+        /// As found.
+        host: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// The daemon does not do its work; the reasons.
+    #[error("the daemon is not ready")]
+    NotReady(Vec<String>),
+    /// Too much to do; says of what.
+    #[error("{0}; try again")]
+    Busy(&'static str),
+    /// No answer in time.
+    #[error("no answer in time; try again")]
+    Timeout,
+    /// A fault of the daemon.
+    #[error("a fault inside the daemon; its log says more")]
+    Internal,
+    /// Any other status of the HTTP library.
+    #[error("{}", .0.canonical_reason().unwrap_or("refused"))]
+    Other(StatusCode),
+}
+
+impl ApiError {
+    /// Makes an error from a bare status.
+    #[must_use]
+    pub fn of_status(status: StatusCode) -> Self {
+        match status {
+            StatusCode::METHOD_NOT_ALLOWED => Self::MethodNotAllowed,
+            StatusCode::NOT_FOUND => Self::NotFound("nothing is at this path".to_owned()),
+            StatusCode::SERVICE_UNAVAILABLE => Self::Timeout,
+            StatusCode::INTERNAL_SERVER_ERROR => Self::Internal,
+            other => Self::Other(other),
+        }
+    }
+
+    /// HTTP status.
+    #[must_use]
+    pub fn status(&self) -> StatusCode {
+        match self {
+            Self::Invalid(_) => StatusCode::BAD_REQUEST,
+            Self::NotFound(_) => StatusCode::NOT_FOUND,
+            Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+            Self::NotAcceptable(_) => StatusCode::NOT_ACCEPTABLE,
+            Self::Conflict(_) => StatusCode::CONFLICT,
+            Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
+            Self::NotReady(_) | Self::Busy(_) | Self::Timeout => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+            Self::Other(status) => *status,
+        }
+    }
+
+    /// Stable name of the kind of problem and its title.
+    #[must_use]
+    pub fn kind(&self) -> (&'static str, &'static str) {
+        match self {
+            Self::Invalid(_) => ("invalid-request", "Request not allowed"),
+            Self::NotFound(_) => ("not-found", "Not found"),
+            Self::MethodNotAllowed => ("method-not-allowed", "Method not allowed"),
+            Self::NotAcceptable(_) => ("not-acceptable", "Format not available"),
+            Self::Conflict(_) => ("conflict", "Not in this state"),
+            Self::TooLarge { .. } => ("body-too-large", "Body too large"),
+            Self::UnsupportedMediaType => ("unsupported-media-type", "Body is not JSON"),
+            Self::ForeignHost { .. } => ("foreign-host", "Host not served here"),
+            Self::NotReady(_) => ("not-ready", "Not ready"),
+            Self::Busy(_) => ("busy", "Busy"),
+            Self::Timeout => ("timeout", "No answer in time"),
+            Self::Internal => ("internal", "Fault inside the daemon"),
+            Self::Other(_) => ("refused", "Request refused"),
+        }
+    }
+
+    /// Single faults, where there are several.
+    #[must_use]
+    pub fn errors(&self) -> &[String] {
+        if let Self::NotReady(reasons) = self { reasons } else { &[] }
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let mut response = self.status().into_response();
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+impl From<QueryRejection> for ApiError {
+    fn from(rejection: QueryRejection) -> Self {
+        Self::Invalid(strip(&rejection.body_text(), "Failed to deserialize query string: "))
+    }
+}
+
+impl From<PathRejection> for ApiError {
+    fn from(rejection: PathRejection) -> Self {
+        Self::Invalid(rejection.body_text())
+    }
+}
+
+impl From<JsonRejection> for ApiError {
+    fn from(rejection: JsonRejection) -> Self {
+        match rejection.status() {
+            StatusCode::PAYLOAD_TOO_LARGE => Self::TooLarge { max_bytes: super::MAX_BODY_BYTES },
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => Self::UnsupportedMediaType,
+            _ => Self::Invalid(strip(
+                &rejection.body_text(),
+                "Failed to deserialize the JSON body into the target type: ",
+            )),
+        }
+    }
+}
+
+impl From<ActionError> for ApiError {
+    fn from(error: ActionError) -> Self {
+        match error {
+            ActionError::UnknownAlarm { .. } => Self::NotFound(error.to_string()),
+            ActionError::AlreadyAcknowledged { .. } => Self::Conflict(error.to_string()),
+            ActionError::NoAuthor | ActionError::TextTooLong { .. } => {
+                Self::Invalid(error.to_string())
+            }
+        }
+    }
+}
+
+fn strip(text: &str, prefix: &str) -> String {
+    text.strip_prefix(prefix).unwrap_or(text).to_owned()
+}

@@ -1,0 +1,39 @@
+//! Path, query and body of a request; what does not fit becomes an [`ApiError`].
+
+use super::error::ApiError;
+use axum::extract::{FromRequest, FromRequestParts};
+
+/// Query string.
+#[derive(Debug, FromRequestParts)]
+#[from_request(via(axum::extract::Query), rejection(ApiError))]
+pub(super) struct Query<T>(pub(super) T);
+
+/// Variable parts of the path.
+#[derive(Debug, FromRequestParts)]
+#[from_request(via(axum::extract::Path), rejection(ApiError))]
+pub(super) struct Path<T>(pub(super) T);
+
+/// JSON body.
+#[derive(Debug, FromRequest)]
+#[from_request(via(axum::Json), rejection(ApiError))]
+pub(super) struct Body<T>(pub(super) T);
+
+/// Gives `value`, or `default` where it is absent, if it lies in `min..=max`.
+///
+/// # Errors
+/// When it does not; the message names the allowed range.
+pub(super) fn in_range<T: PartialOrd + std::fmt::Display>(
+    name: &str,
+    value: Option<T>,
+    default: T,
+    min: T,
+    max: T,
+) -> Result<T, ApiError> {
+    let value = value.unwrap_or(default);
+    // Not `value < min`: that would let NaN pass.
+    if value >= min && value <= max {
+        Ok(value)
+    } else {
+        Err(ApiError::Invalid(format!("{name} is {value}, allowed are {min} to {max}")))
+    }
+}

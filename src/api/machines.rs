@@ -1,0 +1,87 @@
+//! Machines: list, description, health, diagnosis.
+
+use super::error::ApiError;
+use super::extract::Path;
+use super::state::{ApiState, newest};
+use super::wire::diagnosis::DiagnosisDocument;
+use super::wire::machines::{HealthWire, MachineItemWire, MachineListWire, MachineWire};
+use super::wire::problem::ProblemWire;
+use axum::Json;
+use axum::extract::State;
+
+/// Lists the machines.
+#[utoipa::path(
+    get,
+    path = "/api/v1/machines",
+    tag = "machines",
+    responses((status = OK, body = MachineListWire))
+)]
+pub(super) async fn list(State(state): State<ApiState>) -> Json<MachineListWire> {
+    let items = state
+        .machines
+        .values()
+        .map(|handle| MachineItemWire::new(&handle.machine, &newest(handle)))
+        .collect();
+    Json(MachineListWire { items })
+}
+
+/// Describes a machine, with the lines its construction may show.
+#[utoipa::path(
+    get,
+    path = "/api/v1/machines/{id}",
+    tag = "machines",
+    params(("id" = String, Path, description = "Machine id")),
+    responses(
+        (status = OK, body = MachineWire),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn describe(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+) -> Result<Json<MachineWire>, ApiError> {
+    let handle = state.machine(&id)?;
+    Ok(Json(MachineWire::new(&handle.machine, &newest(handle))))
+}
+
+/// Gives the state of each component and since when.
+#[utoipa::path(
+    get,
+    path = "/api/v1/machines/{id}/health",
+    tag = "machines",
+    params(("id" = String, Path, description = "Machine id")),
+    responses(
+        (status = OK, body = HealthWire),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn health(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+) -> Result<Json<HealthWire>, ApiError> {
+    let handle = state.machine(&id)?;
+    Ok(Json(HealthWire::new(&handle.machine, &newest(handle))))
+}
+
+/// Gives the newest diagnosis.
+#[utoipa::path(
+    get,
+    path = "/api/v1/machines/{id}/diagnosis",
+    tag = "machines",
+    params(("id" = String, Path, description = "Machine id")),
+    responses(
+        (status = OK, body = DiagnosisDocument),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json",
+         description = "No such machine, or no window judged yet"),
+    )
+)]
+pub(super) async fn diagnosis(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+) -> Result<Json<DiagnosisDocument>, ApiError> {
+    let view = newest(state.machine(&id)?);
+    match &view.diagnosis {
+        Some(diagnosis) => Ok(Json(DiagnosisDocument::new(diagnosis, None))),
+        None => Err(ApiError::NotFound(format!("no window of {id:?} has been judged yet"))),
+    }
+}

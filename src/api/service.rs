@@ -1,0 +1,110 @@
+//! The daemon itself: liveness, readiness, metrics, system, the API document.
+
+use super::error::ApiError;
+use super::state::{ApiState, newest};
+use super::view::SourceState;
+use super::wire::machines::source_text;
+use super::wire::problem::ProblemWire;
+use super::wire::rfc3339;
+use super::wire::system::{LiveWire, ReadyWire, StreamWire, SystemWire};
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use std::sync::OnceLock;
+
+/// Says that the process answers.
+#[utoipa::path(get, path = "/livez", tag = "service", responses((status = OK, body = LiveWire)))]
+pub(super) async fn livez() -> Json<LiveWire> {
+    Json(LiveWire { live: true })
+}
+
+/// Says whether every source is open or came to its end and the pipeline moves.
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses(
+        (status = OK, body = ReadyWire),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json",
+         description = "Not ready; `errors` holds the reasons"),
+    )
+)]
+pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Json<ReadyWire>, ApiError> {
+    let mut reasons = (state.readiness)();
+    for (id, handle) in state.machines.iter() {
+        match &newest(handle).source {
+            SourceState::Starting => reasons.push(format!("source of {id:?} is not open yet")),
+            SourceState::Failed(why) => reasons.push(format!("source of {id:?} failed: {why}")),
+            SourceState::Running | SourceState::Finished => {}
+        }
+        if handle.view.has_changed().is_err() {
+            reasons.push(format!("the shard of {id:?} has ended"));
+        }
+    }
+    if reasons.is_empty() {
+        Ok(Json(ReadyWire { ready: true }))
+    } else {
+        Err(ApiError::NotReady(reasons))
+    }
+}
+
+/// Gives the metrics as OpenMetrics text.
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    tag = "service",
+    responses((status = OK, body = String, content_type = "application/openmetrics-text"))
+)]
+pub(super) async fn metrics(State(state): State<ApiState>) -> Response {
+    let content_type = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+    ([(header::CONTENT_TYPE, content_type)], (state.metrics)()).into_response()
+}
+
+/// Gives version, configuration and the losses of every stream.
+#[utoipa::path(
+    get,
+    path = "/api/v1/system",
+    tag = "service",
+    responses((status = OK, body = SystemWire))
+)]
+pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
+    let streams = state.machines.iter().map(|(id, handle)| {
+        let view = newest(handle);
+        let (source, reason) = source_text(&view.source);
+        let sum = |count: fn(&crate::buffer::RingStatus) -> u64| view.rings.iter().map(count).sum();
+        StreamWire {
+            machine: id.clone(),
+            source: source.to_owned(),
+            reason: reason.map(str::to_owned),
+            queue_bytes: view.queue_bytes,
+            dropped_blocks: view.dropped.0,
+            dropped_samples: view.dropped.1,
+            received: sum(|ring| ring.received),
+            missing: sum(|ring| ring.missing),
+            gaps: sum(|ring| ring.gaps),
+            duplicated: sum(|ring| ring.duplicated),
+            clipped: sum(|ring| ring.clipped),
+        }
+    });
+    Json(SystemWire {
+        name: env!("CARGO_PKG_NAME").to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        configuration_hash: state.settings.configuration_hash.clone(),
+        started_at: state.settings.started_at.map(|started| rfc3339(Some(started), 0.0)),
+        streams: streams.collect(),
+    })
+}
+
+/// Gives this document.
+#[utoipa::path(
+    get,
+    path = "/api/v1/openapi.json",
+    tag = "service",
+    responses((status = OK, body = Object, description = "OpenAPI 3.1"))
+)]
+pub(super) async fn openapi_json() -> Response {
+    static TEXT: OnceLock<String> = OnceLock::new();
+    let text = TEXT.get_or_init(super::openapi_text);
+    ([(header::CONTENT_TYPE, "application/json")], text.as_str()).into_response()
+}

@@ -1,0 +1,168 @@
+//! What the handlers share.
+
+use super::error::ApiError;
+use super::view::{MachineHandle, MachineView, ShardRequest};
+use crate::signal::{ChannelInfo, Timestamp};
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{Semaphore, oneshot};
+
+/// Limits and facts of the daemon.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Address the listener is bound to, with its real port.
+    pub bound: SocketAddr,
+    /// Spectra and scalograms computed at a time; more are refused.
+    pub max_computations: usize,
+    /// Requests answered at a time; more are refused.
+    pub max_requests: usize,
+    /// Longest wait for a shard's reply.
+    pub reply_timeout: Duration,
+    /// Longest time a request may take.
+    pub request_timeout: Duration,
+    /// Hash of the configuration.
+    pub configuration_hash: Option<String>,
+    /// When the daemon started, wall clock.
+    pub started_at: Option<Timestamp>,
+}
+
+impl Settings {
+    /// The usual limits for a listener bound to `bound`.
+    #[must_use]
+    pub fn new(bound: SocketAddr) -> Self {
+        Self {
+            bound,
+            max_computations: 2,
+            max_requests: 128,
+            reply_timeout: Duration::from_secs(2),
+            request_timeout: Duration::from_secs(10),
+            configuration_hash: None,
+            started_at: None,
+        }
+    }
+}
+
+/// Gives the metrics as OpenMetrics text.
+pub type MetricsText = Arc<dyn Fn() -> String + Send + Sync>;
+
+/// Gives reasons why the daemon does not do its work that only its clock can tell, e.g. a pipeline
+/// that has not moved for a while.
+pub type ReadinessCheck = Arc<dyn Fn() -> Vec<String> + Send + Sync>;
+
+/// What the handlers share; cheap to clone.
+#[derive(Clone)]
+pub struct ApiState {
+    /// Machines by id.
+    pub(super) machines: Arc<BTreeMap<String, MachineHandle>>,
+    pub(super) settings: Arc<Settings>,
+    pub(super) metrics: MetricsText,
+    pub(super) readiness: ReadinessCheck,
+    /// One permit a computation.
+    pub(super) computations: Arc<Semaphore>,
+    /// One permit a request.
+    pub(super) requests: Arc<Semaphore>,
+}
+
+impl std::fmt::Debug for ApiState {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ApiState")
+            .field("machines", &self.machines.keys())
+            .field("settings", &self.settings)
+            .finish_non_exhaustive()
+    }
+}
+
+impl ApiState {
+    /// Makes the state for `machines`.
+    #[must_use]
+    pub fn new(
+        machines: Vec<MachineHandle>,
+        settings: Settings,
+        metrics: MetricsText,
+        readiness: ReadinessCheck,
+    ) -> Self {
+        Self {
+            machines: Arc::new(
+                machines.into_iter().map(|handle| (handle.machine.id.clone(), handle)).collect(),
+            ),
+            computations: Arc::new(Semaphore::new(settings.max_computations)),
+            requests: Arc::new(Semaphore::new(settings.max_requests)),
+            settings: Arc::new(settings),
+            metrics,
+            readiness,
+        }
+    }
+
+    /// Finds a machine.
+    pub(super) fn machine(&self, id: &str) -> Result<&MachineHandle, ApiError> {
+        self.machines.get(id).ok_or_else(|| unknown("machine", id, self.machines.keys()))
+    }
+
+    /// Puts a question to a machine's shard and waits for the reply.
+    pub(super) async fn ask<T>(
+        &self,
+        handle: &MachineHandle,
+        question: impl FnOnce(oneshot::Sender<T>) -> ShardRequest,
+    ) -> Result<T, ApiError> {
+        let (reply, answer) = oneshot::channel();
+        (handle.submit)(question(reply))
+            .map_err(|_| ApiError::Busy("the machine's shard is busy"))?;
+        match tokio::time::timeout(self.settings.reply_timeout, answer).await {
+            Ok(Ok(answer)) => Ok(answer),
+            Ok(Err(_)) => Err(ApiError::Busy("the machine's shard dropped the question")),
+            Err(_) => Err(ApiError::Timeout),
+        }
+    }
+
+    /// Runs `work` beside the event loop, if there is room.
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, ApiError> + Send + 'static,
+    ) -> Result<T, ApiError> {
+        let permit = Arc::clone(&self.computations)
+            .try_acquire_owned()
+            .map_err(|_| ApiError::Busy("other spectra are being computed"))?;
+        let done = tokio::task::spawn_blocking(move || {
+            // Held until the work is done, even when the client has gone.
+            let _permit = permit;
+            work()
+        });
+        done.await.map_err(|error| {
+            tracing::error!(%error, "computation panicked");
+            ApiError::Internal
+        })?
+    }
+}
+
+/// Newest snapshot of a machine.
+pub(super) fn newest(handle: &MachineHandle) -> Arc<MachineView> {
+    Arc::clone(&handle.view.borrow())
+}
+
+/// Finds a channel of the stream.
+pub(super) fn channel<'v>(
+    view: &'v MachineView,
+    name: &str,
+) -> Result<(usize, &'v ChannelInfo), ApiError> {
+    view.channels
+        .iter()
+        .enumerate()
+        .find(|(_, info)| info.name == name)
+        .ok_or_else(|| unknown("channel", name, view.channels.iter().map(|info| &info.name)))
+}
+
+/// A 404 that says what there is.
+fn unknown<'n>(what: &str, name: &str, known: impl Iterator<Item = &'n String>) -> ApiError {
+    const MAX_LISTED: usize = 50;
+    let mut known: Vec<&str> = known.map(String::as_str).collect();
+    let n_known = known.len();
+    known.truncate(MAX_LISTED);
+    let list = match n_known {
+        0 => "there is none yet".to_owned(),
+        n if n > MAX_LISTED => format!("there are {n}: {}, …", known.join(", ")),
+        _ => format!("there is: {}", known.join(", ")),
+    };
+    ApiError::NotFound(format!("no {what} {name:?}; {list}"))
+}

@@ -1,0 +1,89 @@
+//! What stands around every route.
+
+use crate::api::support::{Behaviour, HOST, Service};
+use axum::http::Request;
+use std::io::Read;
+use std::sync::Arc;
+use std::time::Duration;
+
+#[tokio::test]
+async fn unknown_paths_and_methods_are_problems() {
+    let service = Service::new();
+    for path in ["/nothing", "/api/v1/", "/api/v2/machines", "/api/v1/machines/"] {
+        service.get(path).await.problem(404);
+    }
+    let answer = service.send(Request::delete("/api/v1/machines")).await;
+    answer.problem(405);
+    assert_eq!(answer.header("allow"), "GET,HEAD");
+    assert_eq!(answer.json()["instance"], "/api/v1/machines");
+    service.get("/api/v1/alarms/rig-1:1/ack").await.problem(405);
+}
+
+#[tokio::test]
+async fn every_answer_has_the_security_headers() {
+    let service = Service::new();
+    for path in ["/", "/livez", "/api/v1/machines", "/nothing", "/panics"] {
+        let answer = service.get(path).await;
+        let policy = answer.header("content-security-policy");
+        assert!(policy.contains("default-src 'none'") && policy.contains("script-src 'self'"));
+        assert!(!policy.contains("unsafe") && !policy.contains("http"));
+        assert_eq!(answer.header("x-content-type-options"), "nosniff");
+        assert_eq!(answer.header("referrer-policy"), "no-referrer");
+        assert_eq!(answer.header("cache-control"), "no-store");
+        assert_eq!(answer.header("access-control-allow-origin"), "", "no CORS");
+    }
+}
+
+#[tokio::test]
+async fn foreign_hosts_are_refused_on_every_route() {
+    let service = Service::new();
+    for path in ["/", "/livez", "/api/v1/machines", "/nothing"] {
+        let request = Request::get(path).header("host", "evil.example:8080");
+        let detail = service.send(request).await.problem(421);
+        assert!(detail.contains("evil.example") && detail.contains(HOST), "{detail}");
+    }
+    let request = Request::get("/livez").header("host", "localhost:8080");
+    assert_eq!(service.send(request).await.status, 200);
+}
+
+#[tokio::test]
+async fn a_panic_is_a_problem_and_tells_nothing() {
+    let service = Service::new();
+    let detail = service.get("/panics").await.problem(500);
+    assert!(!detail.contains("own fault"), "{detail}");
+    assert_eq!(service.get("/livez").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_request_that_takes_too_long_is_a_problem() {
+    let service =
+        Service::with(Behaviour::Answers, |s| s.request_timeout = Duration::from_millis(10));
+    let answer = service.get("/hangs").await;
+    assert!(answer.problem(503).contains("in time"));
+    assert_eq!(answer.header("retry-after"), "1");
+}
+
+#[tokio::test]
+async fn more_requests_than_allowed_are_refused_but_liveness_answers() {
+    let service = Service::with(Behaviour::Answers, |settings| settings.max_requests = 1);
+    let held = service.state.requests.try_acquire().unwrap();
+    let answer = service.get("/api/v1/machines").await;
+    answer.problem(503);
+    assert_eq!(answer.header("retry-after"), "1");
+    service.get("/").await.problem(503);
+    assert_eq!(service.get("/livez").await.status, 200);
+    drop(held);
+    assert_eq!(service.get("/api/v1/machines").await.status, 200);
+}
+
+#[tokio::test]
+async fn long_answers_are_compressed_when_asked() {
+    let service = Arc::new(Service::new());
+    let path = "/api/v1/machines/rig-1/channels/right_x/spectrum";
+    let plain = service.get(path).await;
+    assert_eq!(plain.header("content-encoding"), "");
+    let packed = service.send(Request::get(path).header("accept-encoding", "gzip")).await;
+    assert_eq!(packed.header("content-encoding"), "gzip");
+    assert!(packed.body.len() < plain.body.len() / 2);
+    assert_eq!(packed.body.as_ref().bytes().next().unwrap().unwrap(), 0x1f, "gzip's first byte");
+}

@@ -1,0 +1,147 @@
+//! Machines, health, diagnosis, service pages.
+
+use crate::api::openapi_text;
+use crate::api::support::{Service, golden};
+use crate::api::view::SourceState;
+use crate::api::wire::diagnosis::json_schema;
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+#[tokio::test]
+async fn machines_are_listed_and_described() {
+    let service = Service::new();
+    let list = service.get("/api/v1/machines").await.json();
+    assert_eq!(list["items"][0]["id"], "rig-1");
+    assert_eq!(list["items"][0]["name"], "Test rig");
+    assert_eq!(list["items"][0]["state"], "damaged");
+    assert_eq!(list["items"][0]["alarms"], 1);
+
+    let rig = service.get("/api/v1/machines/rig-1").await.json();
+    assert_eq!(rig["bearings"][0]["elements"], 11);
+    assert!((rig["bearings"][0]["pitch_diameter_mm"].as_f64().unwrap() - 33.5).abs() < 1e-9);
+    assert_eq!(rig["sensors"][1]["at"], json!({ "kind": "bearing", "id": "right" }));
+    let table = &rig["frequencies"];
+    let labels = table["label"].as_array().unwrap();
+    let at = |label: &str| labels.iter().position(|l| l == label).unwrap();
+    // BPFI = n/2·f·(1 + d/D) = 5.5·10·(1 + 7.9375/33.5); the diagnosed speed is 10 Hz.
+    let bpfi = table["frequency_hz"][at("BPFI")].as_f64().unwrap();
+    assert!((bpfi - 55.0 * (1.0 + 7.9375 / 33.5)).abs() < 1e-9);
+    assert_eq!(table["owner"][at("BPFI")], "right");
+    assert_eq!(table["frequency_hz"].as_array().unwrap().len(), labels.len());
+}
+
+#[tokio::test]
+async fn health_gives_state_since_and_coverage() {
+    let service = Service::new();
+    let health = service.get("/api/v1/machines/rig-1/health").await.json();
+    assert_eq!(health["machine"], "rig-1");
+    assert_eq!(health["state"], "damaged");
+    assert_eq!(health["since"], "2023-11-14T22:13:30Z");
+    let right = &health["components"][0];
+    for (key, value) in [("id", "right"), ("kind", "bearing"), ("fault", "inner_race")] {
+        assert_eq!(right[key], value);
+    }
+    assert_eq!(right["since"], "2023-11-14T22:13:30Z");
+    assert_eq!(health["components"][1]["since"], "2023-11-14T22:13:20Z");
+    assert_eq!(health["data"]["coverage"]["undetermined"], json!(["main"]));
+    assert_eq!(health["data"]["time_unknown"], false);
+}
+
+#[tokio::test]
+async fn before_the_first_verdict_nothing_is_claimed() {
+    let service = Service::new();
+    service.view.send_modify(|view| {
+        let view = Arc::make_mut(view);
+        view.diagnosis = None;
+        view.state_since_s.clear();
+        view.start_time = None;
+        view.rings.clear();
+        view.channels = Arc::new(Vec::new());
+        view.source = SourceState::Starting;
+    });
+    let health = service.get("/api/v1/machines/rig-1/health").await.json();
+    assert_eq!(health["state"], "undetermined");
+    assert!(health["since"].is_null() && health["data"]["last_sample_time"].is_null());
+    assert_eq!(health["data"]["time_unknown"], true);
+    assert_eq!(health["data"]["source"], "starting");
+    let detail = service.get("/api/v1/machines/rig-1/diagnosis").await.problem(404);
+    assert!(detail.contains("judged"), "{detail}");
+    let detail = service.get("/api/v1/machines/rig-1/channels/right_x/waveform").await.problem(404);
+    assert!(detail.contains("there is none yet"), "{detail}");
+    let rig = service.get("/api/v1/machines/rig-1").await.json();
+    assert_eq!(rig["frequencies"]["shaft_speed_hz"], 10.0, "nominal speed");
+}
+
+#[tokio::test]
+async fn diagnosis_validates_against_the_published_schema() {
+    let doc = Service::new().get("/api/v1/machines/rig-1/diagnosis").await.json();
+    assert_eq!(doc["schema"], "rotorwatch.diagnosis/1");
+    assert!(jsonschema::draft202012::new(&json_schema()).unwrap().is_valid(&doc));
+}
+
+#[tokio::test]
+async fn readiness_names_what_is_wrong() {
+    let service = Service::new();
+    assert_eq!(service.get("/livez").await.json(), json!({ "live": true }));
+    assert_eq!(service.get("/readyz").await.json(), json!({ "ready": true }));
+    let set = |source| service.view.send_modify(|view| Arc::make_mut(view).source = source);
+    set(SourceState::Finished);
+    assert_eq!(service.get("/readyz").await.status, 200, "a finished replay keeps serving");
+    set(SourceState::Starting);
+    service.get("/readyz").await.problem(503);
+    set(SourceState::Failed("no such file".to_owned()));
+    let answer = service.get("/readyz").await;
+    answer.problem(503);
+    assert_eq!(answer.json()["errors"], json!(["source of \"rig-1\" failed: no such file"]));
+    assert_eq!(answer.header("retry-after"), "1");
+    assert_eq!(service.get("/livez").await.status, 200, "alive all the same");
+}
+
+#[tokio::test]
+async fn a_shard_that_ended_is_not_ready() {
+    let Service { view, state, .. } = Service::new();
+    drop(view);
+    let service = Service::new();
+    assert_eq!(service.get("/readyz").await.status, 200);
+    let handle = state.machine("rig-1").unwrap();
+    assert!(handle.view.has_changed().is_err());
+}
+
+#[tokio::test]
+async fn metrics_and_system_are_served() {
+    let service = Service::new();
+    let metrics = service.get("/metrics").await;
+    assert!(metrics.header("content-type").starts_with("application/openmetrics-text"));
+    assert_eq!(metrics.body, "# EOF\n");
+    let system = service.get("/api/v1/system").await.json();
+    assert_eq!(system["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(system["streams"][0]["source"], "running");
+    assert_eq!(system["streams"][0]["gaps"], 4);
+}
+
+#[tokio::test]
+async fn committed_openapi_document_is_current_and_served() {
+    golden("tests/golden/openapi.json", &openapi_text());
+    let served = Service::new().get("/api/v1/openapi.json").await;
+    assert_eq!(served.body, openapi_text());
+    let doc: Value = served.json();
+    assert_eq!(doc["openapi"].as_str().unwrap().split('.').take(2).collect::<Vec<_>>(), ["3", "1"]);
+}
+
+/// Every GET of the document answers over the real router, so that none is only described.
+#[tokio::test]
+async fn every_described_path_is_served() {
+    let service = Service::new();
+    let doc = service.get("/api/v1/openapi.json").await.json();
+    let mut n_paths = 0;
+    for (path, methods) in doc["paths"].as_object().unwrap() {
+        let id = if path.contains("/alarms/") { "rig-1:1" } else { "rig-1" };
+        let path = path.replace("{id}", id).replace("{name}", "right_x");
+        if methods.get("get").is_some() {
+            let answer = service.get(&path).await;
+            assert_eq!(answer.status, 200, "{path}: {:?}", answer.body);
+        }
+        n_paths += 1;
+    }
+    assert_eq!(n_paths, 18);
+}

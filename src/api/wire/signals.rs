@@ -1,0 +1,206 @@
+//! Channels, waveforms, spectra, scalograms and trends as JSON, in columns.
+
+use super::names::DetectorName;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Whether the samples behind a value can be trusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Validity {
+    /// All samples asked for, none clipped, the source delivers or came to its end.
+    Ok,
+    /// Fewer samples than asked for, because of a gap or because no more are held.
+    Gap,
+    /// Some samples lie at the ends of the source's number range.
+    Clipped,
+    /// The source failed: there are newer samples that nobody received.
+    Stale,
+}
+
+/// Channels of a machine's stream.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct ChannelListWire {
+    /// In the order of the stream; empty until the source is open.
+    pub items: Vec<ChannelWire>,
+}
+
+/// One channel.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct ChannelWire {
+    /// Name.
+    pub name: String,
+    /// Unit of its samples.
+    pub unit: String,
+    /// Samples a second, Hz.
+    pub sample_rate_hz: Option<f64>,
+    /// Constant left out of samples sent: physical = value + offset.
+    pub offset: Option<f64>,
+    /// Kind of the machine's sensor that reads it; null: no sensor names it.
+    pub sensor: Option<String>,
+    /// Unit of the data and that of the machine file, where they differ; the latter is used.
+    pub unit_conflict: Option<[String; 2]>,
+    /// Oldest sample held.
+    pub oldest_sample: u64,
+    /// One past the newest sample.
+    pub end_sample: u64,
+    /// Stream time one past the newest sample, s.
+    pub end_time_s: Option<f64>,
+    /// Samples received and kept.
+    pub received: u64,
+    /// Samples never received: sizes of gaps.
+    pub missing: u64,
+    /// Number of gaps.
+    pub gaps: u64,
+    /// Samples received again or too late, and not used.
+    pub duplicated: u64,
+    /// Samples at the ends of the source's number range.
+    pub clipped: u64,
+}
+
+/// Raw samples of one channel.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct WaveformWire {
+    /// Channel.
+    pub channel: String,
+    /// Unit of `value`.
+    pub unit: String,
+    /// Samples a second, Hz.
+    pub sample_rate_hz: Option<f64>,
+    /// Constant left out of `value`: physical = value + offset.
+    pub offset: Option<f64>,
+    /// First sample used.
+    pub start_sample: u64,
+    /// Number of samples used.
+    pub n_samples: usize,
+    /// Whether they can be trusted.
+    pub validity: Validity,
+    /// Whether `value` holds smallest and largest sample of each stretch instead of all samples.
+    pub decimated: bool,
+    /// Stream time, s.
+    pub time_s: Vec<Option<f64>>,
+    /// Samples.
+    pub value: Vec<Option<f64>>,
+}
+
+/// Which spectrum.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, ToSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum SpectrumKind {
+    /// Amplitude, Hann.
+    #[default]
+    Amplitude,
+    /// One-sided power spectral density by Welch's method, unit²/Hz.
+    Psd,
+    /// Amplitude of the squared envelope of a band divided by its mean: modulation depth.
+    Envelope,
+    /// Amplitude √(x² + y²) of a sensor pair, bin by bin.
+    Absolute,
+}
+
+/// A spectrum.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct SpectrumWire {
+    /// Channel, or `x+y` for a pair.
+    pub channel: String,
+    /// Kind.
+    pub kind: SpectrumKind,
+    /// Detector of `value`; null for a density.
+    pub detector: Option<DetectorName>,
+    /// Unit of `value`.
+    pub unit: String,
+    /// Width by which two lines must differ to be told apart: 1/(window length), Hz.
+    pub resolution_hz: Option<f64>,
+    /// Distance of two values of `frequency_hz` before thinning, Hz.
+    pub bin_width_hz: Option<f64>,
+    /// Window function.
+    pub window: String,
+    /// Number of windows averaged.
+    pub averages: usize,
+    /// Band that is shown, or demodulated for `envelope`, Hz.
+    pub band_hz: [Option<f64>; 2],
+    /// First sample used.
+    pub start_sample: u64,
+    /// Number of samples used.
+    pub n_samples: usize,
+    /// Whether they can be trusted.
+    pub validity: Validity,
+    /// Whether each value is the largest of several bins.
+    pub decimated: bool,
+    /// Frequencies, Hz.
+    pub frequency_hz: Vec<Option<f64>>,
+    /// Values.
+    pub value: Vec<Option<f64>>,
+}
+
+/// A scalogram and the newest CWT features.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct ScalogramWire {
+    /// Channel.
+    pub channel: String,
+    /// Unit of `magnitude`.
+    pub unit: String,
+    /// `morlet`.
+    pub wavelet: String,
+    /// Centre frequency of the wavelet, rad.
+    pub omega0_rad: f64,
+    /// First sample used.
+    pub start_sample: u64,
+    /// Number of samples used.
+    pub n_samples: usize,
+    /// Whether they can be trusted.
+    pub validity: Validity,
+    /// Rows: frequencies, Hz, rising in equal ratios.
+    pub frequency_hz: Vec<Option<f64>>,
+    /// Columns: start of each stretch of stream time, s.
+    pub time_s: Vec<Option<f64>>,
+    /// Largest |W| of each stretch, zero-to-peak, one array a frequency.
+    pub magnitude: Vec<Vec<Option<f64>>>,
+    /// First column and one past the last outside the cone of influence, one pair a frequency; what
+    /// lies outside holds the ends of the record.
+    pub valid_columns: Vec<[usize; 2]>,
+    /// CWT features of the newest analysis window, ratios to a baseline among them.
+    pub features: Vec<FeatureWire>,
+}
+
+/// One named number.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct FeatureWire {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: Option<f64>,
+    /// Unit.
+    pub unit: String,
+    /// First sample and one past the last.
+    pub sample_range: [u64; 2],
+}
+
+/// Features over time.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct TrendWire {
+    /// Channel.
+    pub channel: String,
+    /// Whether each column holds smallest and largest value of each stretch.
+    pub decimated: bool,
+    /// Number of windows held.
+    pub n_windows: usize,
+    /// One entry a feature.
+    pub features: Vec<TrendColumnWire>,
+}
+
+/// One feature over time.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct TrendColumnWire {
+    /// Name.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Window ends, s of stream time.
+    pub time_s: Vec<Option<f64>>,
+    /// Values.
+    pub value: Vec<Option<f64>>,
+}

@@ -1,0 +1,61 @@
+//! The program itself as JSON: readiness, version, losses.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// The process answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct LiveWire {
+    /// Always true.
+    pub live: bool,
+}
+
+/// Whether the daemon does its work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct ReadyWire {
+    /// Always true; what is not ready is told as a problem.
+    pub ready: bool,
+}
+
+/// The program and its streams.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct SystemWire {
+    /// Program.
+    pub name: String,
+    /// Version.
+    pub version: String,
+    /// Hash of the configuration; null without one.
+    pub configuration_hash: Option<String>,
+    /// When the daemon started, wall clock.
+    pub started_at: Option<String>,
+    /// One entry a machine.
+    pub streams: Vec<StreamWire>,
+}
+
+/// How a machine's stream is doing.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct StreamWire {
+    /// Machine id.
+    pub machine: String,
+    /// starting, running, finished or failed.
+    pub source: String,
+    /// Why it failed.
+    pub reason: Option<String>,
+    /// Blocks waiting to be judged, bytes.
+    pub queue_bytes: usize,
+    /// Blocks dropped because the queue was full.
+    pub dropped_blocks: u64,
+    /// Their samples.
+    pub dropped_samples: u64,
+    /// Samples received and kept, summed over channels.
+    pub received: u64,
+    /// Samples never received, summed over channels.
+    pub missing: u64,
+    /// Gaps, summed over channels.
+    pub gaps: u64,
+    /// Samples received again or too late, summed over channels.
+    pub duplicated: u64,
+    /// Samples at the ends of the source's number range, summed over channels.
+    pub clipped: u64,
+}
