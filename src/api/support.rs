@@ -10,8 +10,9 @@ use crate::buffer::RingStatus;
 use crate::diagnosis::fault::{ComponentKind, Detector, FaultMode, State};
 use crate::diagnosis::verdict::{
     BaselineUse, ComponentDiagnosis, Coverage, DataQuality, Diagnosis, Evidence, GearFinding,
-    OperatingState, OtherFault, SpeedSource, Timeline,
+    OperatingState, OtherFault, Timeline,
 };
+use crate::features::speed::SpeedSource;
 use crate::features::{ChannelFeatures, Feature};
 use crate::machine::file;
 use crate::signal::{ChannelIndex, ChannelInfo, SampleIndex, Timestamp};

@@ -14,14 +14,20 @@ use crate::api::view::Submit;
 use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
+use crate::diagnosis::baseline::Baseline;
 use crate::ingest::replay;
 use crate::ingest::replay::StreamInfo;
+use crate::offline;
+use crate::offline::OfflineError;
+use crate::offline::Reference;
 use crate::pipeline::Monitor;
 use crate::pipeline::MonitorError;
+use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
 use crate::telemetry::Metrics;
 use std::io;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 
@@ -54,6 +60,16 @@ pub enum StartError {
         machine: String,
         /// Why.
         source: MonitorError,
+    },
+    /// A healthy capture cannot be measured.
+    #[error("the baseline {} of machine {machine:?} cannot be used", file.display())]
+    Baseline {
+        /// Machine id.
+        machine: String,
+        /// The capture.
+        file: PathBuf,
+        /// Why.
+        source: OfflineError,
     },
     /// The port cannot be bound.
     #[error("the address {address} cannot be bound, choose another in [server] bind")]
@@ -126,6 +142,9 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     for ((entry, stream), shard) in config.machines.iter().zip(streams).zip(assigned) {
         let shard = &mut shards[shard];
         let link = Link::new(Arc::clone(&shard.queue), shard.machines.len());
+        for note in &entry.machine.notes {
+            tracing::warn!(machine = entry.machine.id, note, "machine file");
+        }
         let opened = monitor(config, entry, stream)?;
         if opened.monitor.is_some() {
             let SourceConfig::Replay(settings) = entry.source.clone();
@@ -173,13 +192,27 @@ fn monitor(
         }
     };
     let hints = SpeedHints { option: None, capture: info.shaft_speed };
-    let monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &config.monitor)
+    let settings = Settings { baseline: baseline(entry)?, ..config.monitor.clone() };
+    let monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
     Ok(Opened {
         monitor: Some(monitor),
         source: SourceState::Starting,
         start_time: info.start_time,
     })
+}
+
+/// Measures the healthy captures named for a machine.
+fn baseline(entry: &MachineConfig) -> Result<Baseline, StartError> {
+    let reference = Reference { machine: Some(Arc::clone(&entry.machine)), ..Reference::default() };
+    let records = entry.baseline.iter().map(|file| {
+        offline::learn(file, &reference, &mut |_| ()).map_err(|source| StartError::Baseline {
+            machine: entry.machine.id.clone(),
+            file: file.clone(),
+            source,
+        })
+    });
+    Ok(Baseline { records: records.collect::<Result<_, _>>()?, provisional: false })
 }
 
 /// Number of shards: as configured, never more than machines, at least one.

@@ -12,6 +12,7 @@ use super::shard;
 use super::shard::Heartbeat;
 use super::source;
 use super::stop::Stop;
+use crate::api::state;
 use crate::api::view::MachineHandle;
 use crate::config::Config;
 use crate::ingest::replay;
@@ -93,7 +94,11 @@ impl Daemon {
             stop.set();
             return Err(system("threads for shards and sources", source));
         }
-        let router = http::router(handles.clone(), address, metrics_text, readiness);
+        let settings = state::Settings {
+            started_at: Some(super::wall_clock()),
+            ..state::Settings::new(address)
+        };
+        let router = http::router(handles.clone(), settings, metrics_text, readiness);
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self { address, handles, stop, queues, runtime, server, server_stop, signals, threads })

@@ -1,7 +1,9 @@
 //! The HTTP server: the API's router on a listener, ended in bounded time.
 
+use crate::api;
+use crate::api::state;
 use crate::api::view::MachineHandle;
-use std::net::SocketAddr;
+use crate::dashboard;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -19,24 +21,13 @@ pub type ReadinessCheck = Arc<dyn Fn() -> Vec<String> + Send + Sync>;
 
 /// Makes the routes: the one place where the daemon meets the API.
 pub fn router(
-    _machines: Vec<MachineHandle>,
-    _bound: SocketAddr,
+    machines: Vec<MachineHandle>,
+    settings: state::Settings,
     metrics: MetricsText,
     readiness: ReadinessCheck,
 ) -> axum::Router {
-    // Stands in for `api::router(ApiState::new(machines, Settings::new(bound), metrics, readiness))`.
-    use axum::http::StatusCode;
-    use axum::routing::get;
-    let ready = move || async move {
-        let reasons = readiness();
-        let status =
-            if reasons.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-        (status, reasons.join("\n"))
-    };
-    axum::Router::new()
-        .route("/livez", get(|| async { "ok" }))
-        .route("/readyz", get(ready))
-        .route("/metrics", get(move || async move { metrics() }))
+    let state = state::ApiState::new(machines, settings, metrics, readiness);
+    api::router(state, dashboard::router())
 }
 
 /// Serves until `stop`, then for [`GRACE`] at most.

@@ -20,10 +20,12 @@ pub mod build;
 pub mod daemon;
 
 use crate::config::Config;
+use crate::signal::Timestamp;
 use build::StartError;
 use daemon::Daemon;
 use std::io::Write;
 use std::time::Instant;
+use std::time::SystemTime;
 
 /// Runs the daemon until SIGTERM or SIGINT.
 ///
@@ -48,6 +50,14 @@ pub fn run(config: &Config, stdout: &mut dyn Write) -> Result<(), StartError> {
 #[expect(clippy::disallowed_methods, reason = "the daemon's one reading of the clock")]
 pub fn now() -> Instant {
     Instant::now()
+}
+
+/// UTC now. For labels only: no delay and no order depends on it.
+#[must_use]
+#[expect(clippy::disallowed_methods, reason = "the daemon's one reading of the wall clock")]
+pub fn wall_clock() -> Timestamp {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    Timestamp(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
 }
 
 #[cfg(test)]

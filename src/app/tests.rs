@@ -22,7 +22,7 @@ use crate::ingest::replay::Step;
 use crate::ingest::replay::Stream;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
-use crate::machine::limits::Limits;
+use crate::machine::file;
 use crate::pipeline::Monitor;
 use crate::pipeline::SpeedHints;
 use crate::signal::Block;
@@ -41,20 +41,13 @@ use tokio::sync::watch;
 
 const RATE_HZ: u64 = 1000;
 
-/// A machine that has an id and nothing else.
+/// A machine with one sensor, on channel `x`.
 pub(super) fn machine(id: &str) -> Arc<Machine> {
-    Arc::new(Machine {
-        id: id.to_owned(),
-        name: id.to_owned(),
-        iso_group: None,
-        power_kw: None,
-        shafts: Vec::new(),
-        bearings: Vec::new(),
-        motors: Vec::new(),
-        gears: Vec::new(),
-        sensors: Vec::new(),
-        limits: Limits::default(),
-    })
+    let text = format!(
+        "[machine]\nid = {id:?}\nname = \"Rig\"\n[[shaft]]\nid = \"main\"\nspeed_hz = 10.0\n\
+         [[sensor]]\nchannel = \"x\"\nkind = \"accelerometer\"\nat = {{ shaft = \"main\" }}\n"
+    );
+    Arc::new(file::parse(&text, "rig.toml").unwrap())
 }
 
 fn channel() -> ChannelInfo {

@@ -349,6 +349,8 @@ fn machine_with(sensors: Vec<Sensor>) -> Machine {
         gears: Vec::new(),
         sensors,
         limits: Limits::default(),
+        capture_map: std::collections::BTreeMap::new(),
+        notes: Vec::new(),
     }
 }
 

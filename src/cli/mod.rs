@@ -5,6 +5,7 @@
 
 pub mod diagnose;
 pub mod serve;
+pub mod openapi;
 pub mod completions;
 pub mod man;
 

@@ -1,6 +1,8 @@
 //! Plays a capture back as if it were measured now: at 1×, at N× or as fast as it is taken.
 
 use super::interleave::Interleaver;
+use crate::capture::error::CaptureError;
+use crate::capture::reader::CaptureReader;
 use crate::machine::Machine;
 use crate::signal::Block;
 use crate::signal::ChannelInfo;
@@ -119,10 +121,34 @@ pub enum End {
 ///
 /// # Errors
 /// When the file is no capture or cannot be read.
-pub fn open(file: &Path, _machine: &Machine) -> Result<Stream, ReplayError> {
-    // Stands in for `capture::reader::CaptureReader` until that lands.
-    let source = "this build cannot read captures".into();
-    Err(ReplayError::Open { file: file.to_owned(), source })
+pub fn open(file: &Path, machine: &Machine) -> Result<Stream, ReplayError> {
+    let failed = |source: CaptureError| ReplayError::Open {
+        file: file.to_owned(),
+        source: Box::new(source),
+    };
+    let mut reader = CaptureReader::open(file, Some(machine)).map_err(failed)?;
+    let described = reader.info();
+    let info = StreamInfo {
+        channels: described.channels.iter().map(|c| c.info.clone()).collect(),
+        start_time: described.start_time,
+        shaft_speed: described.shaft_speed,
+    };
+    let file = file.to_owned();
+    let mut told = 0;
+    let next = move || match reader.next_block() {
+        Ok(Some(block)) => Ok(Step::Block(block)),
+        Ok(None) => {
+            let report = reader.report();
+            let n_samples = report.samples_rejected() - told;
+            told += n_samples;
+            if n_samples == 0 {
+                return Ok(Step::End);
+            }
+            Ok(Step::Rejected { n_samples, reason: report.reasons().join("; ") })
+        }
+        Err(source) => Err(ReplayError::Read { file: file.clone(), source: Box::new(source) }),
+    };
+    Ok(Stream { info, next: Box::new(next) })
 }
 
 /// Plays a capture until its end, an error or a stop.

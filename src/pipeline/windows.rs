@@ -2,7 +2,7 @@
 
 /// Lays the windows of one stream.
 #[derive(Debug, Clone)]
-pub struct WindowGrid {
+pub(super) struct WindowGrid {
     window_s: f64,
     hop_s: f64,
     run: Option<Run>,
@@ -18,17 +18,17 @@ struct Run {
 impl WindowGrid {
     /// Windows of at most `window_s` that end every `hop_s`.
     #[must_use]
-    pub fn new(window_s: f64, hop_s: f64) -> Self {
+    pub(super) fn new(window_s: f64, hop_s: f64) -> Self {
         Self { window_s, hop_s, run: None }
     }
 
     /// Begins a run at `start_s`, unless one is under way.
-    pub fn begin(&mut self, start_s: f64) {
+    pub(super) fn begin(&mut self, start_s: f64) {
         self.run.get_or_insert(Run { start_s, n_windows: 0, judged_to_s: start_s });
     }
 
     /// The next window whose end lies at or before `reached_s`: start and end, s.
-    pub fn next_due(&mut self, reached_s: f64) -> Option<(f64, f64)> {
+    pub(super) fn next_due(&mut self, reached_s: f64) -> Option<(f64, f64)> {
         let (window_s, hop_s) = (self.window_s, self.hop_s);
         let run = self.run.as_mut()?;
         let end = run.start_s + f64::from(run.n_windows + 1) * hop_s;
@@ -43,7 +43,7 @@ impl WindowGrid {
 
     /// Ends the run at `end_s`: the last window, if at least half a hop has not been judged yet, or
     /// nothing of the run has.
-    pub fn finish(&mut self, end_s: f64) -> Option<(f64, f64)> {
+    pub(super) fn finish(&mut self, end_s: f64) -> Option<(f64, f64)> {
         let run = self.run.take()?;
         let left = end_s - run.judged_to_s;
         let untouched = run.n_windows == 0 && left > 0.0;

@@ -1,5 +1,8 @@
 //! A daemon in a folder of its own, and questions to it.
 
+use rotorwatch::capture::writer::{CaptureHeader, CaptureWriter};
+use rotorwatch::capture::writer::{ChannelHeader, ChannelSamples, ChannelStorage};
+use rotorwatch::units::Hz;
 use serde_json::Value;
 use std::fs;
 use std::io::BufRead;
@@ -73,6 +76,22 @@ pub(crate) fn folder(config: &str, files: &[(&str, &[u8])]) -> TempDir {
     dir
 }
 
+/// Writes a capture of channel `right_x`, m/s², whose sample i is i / 1000, as `name` in `dir`.
+pub(crate) fn write_ramp(dir: &TempDir, name: &str, rate_hz: f64, n_samples: u32) {
+    let mut writer =
+        CaptureWriter::create(&dir.path().join(name), &CaptureHeader::default()).unwrap();
+    let header = ChannelHeader {
+        name: "right_x".to_owned(),
+        sample_rate: Hz(rate_hz),
+        unit: Some("m/s^2".to_owned()),
+        sensor: None,
+        storage: ChannelStorage::Contiguous,
+    };
+    let samples: Vec<f64> = (0..n_samples).map(|i| f64::from(i) / 1e3).collect();
+    writer.channel(&header, ChannelSamples::F64(&samples)).unwrap();
+    writer.finish().unwrap();
+}
+
 /// `rotorwatch serve` in a folder, without our variables from outside.
 fn serve(dir: &TempDir) -> Command {
     let mut command = command();
@@ -140,7 +159,6 @@ impl Daemon {
     }
 
     /// Status and document of a `GET`, whatever the status.
-    #[allow(dead_code, reason = "the tests of the API use it")]
     pub(crate) fn get_json(&self, path: &str) -> (u16, Value) {
         let (status, text) = self.get_text(path);
         (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))

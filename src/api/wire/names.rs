@@ -5,6 +5,7 @@
 use crate::alarms;
 use crate::diagnosis::fault;
 use crate::diagnosis::verdict;
+use crate::features::speed;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -117,7 +118,7 @@ names! {
 
 names! {
     /// Where the speed came from.
-    SpeedSourceName of verdict::SpeedSource {
+    SpeedSourceName of speed::SpeedSource {
         Tacho = "tacho",
         SpeedChannel = "speed_channel",
         Capture = "capture",
@@ -192,7 +193,7 @@ mod tests {
         check(fault::ComponentKind::name);
         check(fault::FaultMode::name);
         check(fault::Detector::name);
-        check(verdict::SpeedSource::name);
+        check(speed::SpeedSource::name);
         check(verdict::OperatingState::name);
         check(verdict::DataQuality::name);
         check(alarms::Level::name);

@@ -1,0 +1,70 @@
+//! A capture through the daemon: everything arrives, is shown, and a signal ends it at any time.
+
+use crate::support;
+use crate::support::Daemon;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const RATE_HZ: f64 = 2000.0;
+const N_SAMPLES: u32 = 24_000; // 12 s
+
+fn folder(source: &str) -> TempDir {
+    let config = format!(
+        "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n[[source]]\n\
+         kind = \"replay\"\nmachine = \"rig-1\"\nfile = \"ramp.h5\"\n{source}"
+    );
+    let dir = support::folder(&config, &[("rig.toml", support::MACHINE.as_bytes())]);
+    support::write_ramp(&dir, "ramp.h5", RATE_HZ, N_SAMPLES);
+    dir
+}
+
+fn source_of(daemon: &Daemon) -> String {
+    let (_, machines) = daemon.get_json("/api/v1/machines");
+    machines["items"][0]["source"].as_str().unwrap().to_owned()
+}
+
+fn channel(daemon: &Daemon) -> Value {
+    daemon.get_json("/api/v1/machines/rig-1/channels").1["items"][0].clone()
+}
+
+#[test]
+fn a_finished_replay_keeps_serving_every_sample() {
+    let daemon = Daemon::start_in(folder("speed = \"max\"\n"));
+    support::wait_until("the end of the replay", || {
+        (source_of(&daemon) == "finished").then_some(())
+    });
+    let shown = channel(&daemon);
+    assert_eq!(shown["received"], N_SAMPLES, "{shown}");
+    assert_eq!((&shown["missing"], &shown["duplicated"]), (&0.into(), &0.into()), "{shown}");
+    let path = "/api/v1/machines/rig-1/channels/right_x/waveform";
+    let (status, waveform) = daemon.get_json(path);
+    assert_eq!(status, 200, "{waveform}");
+    let last = waveform["value"].as_array().unwrap().last().unwrap().as_f64().unwrap();
+    // sample 23,999 is 23.999; f32 keeps seven digits
+    assert!((last - 23.999).abs() < 1e-5, "{last}");
+    let (_, metrics) = daemon.get_text("/metrics");
+    let line = "rotorwatch_samples_received_total{machine=\"rig-1\",channel=\"right_x\"} 24000";
+    assert!(metrics.contains(line), "{metrics}");
+    let ended = daemon.terminate();
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+}
+
+#[test]
+fn a_signal_ends_a_replay_that_waits_for_its_time() {
+    let daemon = Daemon::start_in(folder("speed = 0.01\n"));
+    assert_eq!(daemon.get_text("/livez").0, 200);
+    assert_eq!(daemon.terminate().status.code(), Some(0));
+}
+
+#[test]
+fn a_repeated_replay_goes_on_as_one_stream() {
+    let daemon = Daemon::start_in(folder("speed = \"max\"\nloop = true\n"));
+    let twice = u64::from(2 * N_SAMPLES);
+    support::wait_until("the third pass", || {
+        let shown = channel(&daemon);
+        assert_eq!((&shown["missing"], &shown["duplicated"]), (&0.into(), &0.into()), "{shown}");
+        (shown["received"].as_u64()? > twice).then_some(())
+    });
+    let ended = daemon.terminate();
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+}
