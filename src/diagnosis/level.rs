@@ -37,18 +37,11 @@ pub fn judge(
     context: &Context<'_>,
     explained: bool,
 ) -> ComponentDiagnosis {
-    let mut verdict = ComponentDiagnosis {
-        id: context.machine.id.clone(),
-        kind: ComponentKind::Machine,
-        state: State::Undetermined,
-        fault: None,
-        severity: None,
-        confidence: None,
-        why: "no limits and no baseline to hold the level against".to_owned(),
-        evidence: Vec::new(),
-        other_faults: Vec::new(),
-        gear: None,
-    };
+    let mut verdict = ComponentDiagnosis::undetermined(
+        &context.machine.id,
+        ComponentKind::Machine,
+        "no limits and no baseline to hold the level against".to_owned(),
+    );
     let mut findings: Vec<Finding> = Vec::new();
     for channel in &features.channels {
         findings.extend(against_limits(channel, context));

@@ -17,6 +17,7 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
 }
 
 fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<ComponentDiagnosis> {
+    let id = context.channel_name(reading.channel);
     let (fault, state, severity, why) = match (reading.flaw, &reading.absent) {
         (Some(SensorFlaw::Dead), _) => (
             Some(FaultMode::Dead),
@@ -37,35 +38,20 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
             format!("{:.2} % of the samples lie at the end of the range", 100.0 * part),
         ),
         (None, Some(reason)) => {
-            return Some(component(reading, context, State::Undetermined, reason.clone()));
+            return Some(ComponentDiagnosis::undetermined(
+                id,
+                ComponentKind::Sensor,
+                reason.clone(),
+            ));
         }
         (None, None) => return None,
     };
-    let mut verdict = component(reading, context, state, why);
+    let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Sensor, why);
+    verdict.state = state;
     verdict.fault = fault;
     verdict.severity = Some(severity);
     verdict.confidence = Some(0.95);
     Some(verdict)
-}
-
-fn component(
-    reading: &SensorReading,
-    context: &Context<'_>,
-    state: State,
-    why: String,
-) -> ComponentDiagnosis {
-    ComponentDiagnosis {
-        id: context.channel_name(reading.channel).to_owned(),
-        kind: ComponentKind::Sensor,
-        state,
-        fault: None,
-        severity: None,
-        confidence: None,
-        why,
-        evidence: Vec::new(),
-        other_faults: Vec::new(),
-        gear: None,
-    }
 }
 
 /// Data quality over the machine's sensors: bad when none is left to judge by.

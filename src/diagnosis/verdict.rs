@@ -105,6 +105,25 @@ pub struct ComponentDiagnosis {
     pub gear: Option<GearFinding>,
 }
 
+impl ComponentDiagnosis {
+    /// A component that could not be judged, with the reason.
+    #[must_use]
+    pub fn undetermined(id: &str, kind: ComponentKind, why: String) -> Self {
+        Self {
+            id: id.to_owned(),
+            kind,
+            state: State::Undetermined,
+            fault: None,
+            severity: None,
+            confidence: None,
+            why,
+            evidence: Vec::new(),
+            other_faults: Vec::new(),
+            gear: None,
+        }
+    }
+}
+
 /// A further fault on a component that already has a stronger one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherFault {

@@ -61,7 +61,7 @@ impl Real for f64 {
 }
 
 /// Rounds a non-negative position down to an index; negative and NaN give 0, too large saturates.
-pub(in crate::dsp) fn floor_index(position: f64) -> usize {
+pub(crate) fn floor_index(position: f64) -> usize {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -7,6 +7,7 @@
 //! F5–F8).
 
 use super::bands::Band;
+use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
@@ -223,8 +224,8 @@ pub fn read_line(
         let Some(at) = strongest(
             spectrum,
             task,
-            floor_to_usize(centre).saturating_sub(reach),
-            floor_to_usize(centre) + reach,
+            floor_index(centre).saturating_sub(reach),
+            floor_index(centre) + reach,
         ) else {
             continue;
         };
@@ -288,7 +289,7 @@ fn measure(
     n_cells: f64,
     scratch: &mut Vec<f32>,
 ) -> Option<Harmonic> {
-    let half = floor_to_usize(task.floor_half_width.0 / spectrum.bin_hz).max(8);
+    let half = floor_index(task.floor_half_width.0 / spectrum.bin_hz).max(8);
     let low = at.saturating_sub(half).max(2);
     let high = (at + half).min(spectrum.depth.len().saturating_sub(1));
     if high <= low + 8 {
@@ -298,38 +299,44 @@ fn measure(
     scratch.extend_from_slice(&spectrum.depth[low..=high]);
     let median = f64::from(stats::median(scratch)?);
     let floor_power = median * median / std::f64::consts::LN_2;
-    let depth = f64::from(spectrum.depth[at]);
+    let bin_height = f64::from(spectrum.depth[at]);
     if floor_power <= 0.0 {
         return None;
     }
     // Half of the independent cells: what a median is worth against a mean for exponential powers.
     let cells = (high - low + 1) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW;
     Some(Harmonic {
-        power_ratio: depth * depth / floor_power,
-        depth,
+        power_ratio: bin_height * bin_height / floor_power,
+        depth: peak_height(spectrum.depth, at),
         floor_dof: (cells / 2.0).max(1.0),
         n_cells,
     })
 }
 
-fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
-    floor_to_usize((frequency_hz / bin_hz).round())
+/// Height of the line whose highest bin is `at` (F6): the vertex of the parabola through the
+/// logarithms of three bins. The spectrum is padded twice, so the bins lie half a resolution step
+/// apart and the height of a lone line is found within 0.3 %, where the bin itself may be 4 % low.
+/// A bin that is no local maximum is read as it is.
+fn peak_height(depth: &[f32], at: usize) -> f64 {
+    let value = |k: usize| depth.get(k).map_or(0.0, |v| f64::from(*v));
+    let (left, centre, right) = (value(at.wrapping_sub(1)), value(at), value(at + 1));
+    let is_peak = left > 0.0 && right > 0.0 && centre >= left && centre >= right;
+    let (a, b, c) = (left.ln(), centre.ln(), right.ln());
+    let curvature = a - 2.0 * b + c;
+    if !is_peak || curvature >= 0.0 {
+        return centre;
+    }
+    (b - (a - c).powi(2) / (8.0 * curvature)).exp()
 }
 
-/// Non-negative float to index; saturates, NaN gives 0.
-fn floor_to_usize(x: f64) -> usize {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "float to int casts saturate"
-    )]
-    let i = x as usize;
-    i
+fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
+    floor_index((frequency_hz / bin_hz).round())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::real::Real;
 
     const BAND: Band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
 
@@ -340,11 +347,11 @@ mod tests {
             .map(|_| {
                 state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 let u = ((state >> 33) as f64 + 1.0) / (1u64 << 31) as f64;
-                (0.01 * (-u.min(1.0).ln()).sqrt()) as f32
+                f32::rounded(0.01 * (-u.min(1.0).ln()).sqrt())
             })
             .collect();
         for (i, d) in depths.iter().enumerate() {
-            depth[((i + 1) as f64 * rate_hz / bin_hz).round() as usize] = *d;
+            depth[floor_index(((i + 1) as f64 * rate_hz / bin_hz).round())] = *d;
         }
         depth
     }
@@ -372,6 +379,26 @@ mod tests {
             "noise of the empty fourth harmonic"
         );
         assert!(reading.harmonics[0].unwrap().power_ratio > 1000.0);
+    }
+
+    #[test]
+    fn the_depth_of_a_line_between_bins_is_exact_to_a_third_of_a_percent() {
+        use crate::dsp::envelope::EnvelopeSpectrumPlan;
+        use crate::dsp::fft::FftCache;
+        let n = 5000;
+        let mut plan = EnvelopeSpectrumPlan::<f32>::new(n, &mut FftCache::new());
+        let mut depth = vec![0.0; plan.n_bins()];
+        for shift in [0.0, 0.13, 0.25, 0.37, 0.5] {
+            // e² at 500 Hz with a modulation of depth 0.4 at 40 Hz + a part of the 0.1 Hz step.
+            let f = 40.0 + shift * 0.1;
+            let e2 = |i: u32| 1.0 + 0.4 * (std::f64::consts::TAU * f * f64::from(i) / 500.0).cos();
+            let e2: Vec<f32> = (0..5000).map(|i| f32::rounded(e2(i))).collect();
+            plan.process(&e2, &mut depth);
+            let near = floor_index(f / 0.05);
+            let at = if depth[near + 1] > depth[near] { near + 1 } else { near };
+            let read = peak_height(&depth, at);
+            assert!((read / 0.4 - 1.0).abs() < 3e-3, "{shift}: {read}");
+        }
     }
 
     #[test]

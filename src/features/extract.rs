@@ -325,6 +325,7 @@ fn shaft_features(
         let speed = Hz(first.0 * ratio);
         features.extend(shaft::lines(trace.samples, info.sample_rate, &shaft.id, speed, info.unit));
     }
+    features.extend(overall::beside_shafts(&trace.moments, &features, info.unit));
     features.extend(cwt_features(
         machine,
         (&trace.x_hat, trace.samples.len()),

@@ -10,6 +10,7 @@ use crate::dsp::gear::GearFigures;
 use crate::dsp::gear::GearPlan;
 use crate::dsp::gear::Localisation;
 use crate::dsp::order::PhaseTrack;
+use crate::dsp::real::floor_index;
 use crate::dsp::tsa::TsaPlan;
 use crate::machine::GearIndex;
 use crate::machine::Machine;
@@ -98,7 +99,7 @@ pub fn read(
                     rate,
                     samples_per_rev: rate / (first.0 * ratio),
                     teeth: member.teeth,
-                    max_order: index(usable.1.0 / (first.0 * ratio)),
+                    max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
                 let read = task.run(input, &track, &mut cache);
                 found.extend(read.map(|r| GearReading {
@@ -138,8 +139,8 @@ impl Average {
         track: &PhaseTrack,
         cache: &mut FftCache<f64>,
     ) -> Option<GearReading> {
-        let points = index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
-        let order_kept = index(0.43 * self.samples_per_rev.min(points as f64));
+        let points = floor_index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
+        let order_kept = floor_index(0.43 * self.samples_per_rev.min(points as f64));
         let teeth = usize::try_from(self.teeth).ok()?;
         let mut plan = GearPlan::new(points, teeth, self.max_order.min(order_kept), cache)?;
         let tsa = TsaPlan::new(points, self.samples_per_rev);
@@ -178,19 +179,71 @@ fn zero_crossing_deg(y: &[f64]) -> f64 {
     (s.atan2(c).to_degrees() - 90.0).rem_euclid(360.0)
 }
 
-fn index(x: f64) -> usize {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "float to int casts saturate"
-    )]
-    let i = x as usize;
-    i
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::real::Real;
+    use crate::features::speed::SpeedSource;
+    use crate::machine::file;
+    use crate::units::Hz;
+    use crate::units::Unit;
+    use std::f64::consts::TAU;
+
+    const RIG: &str = "[machine]\nid = \"rig\"\nname = \"rig\"\n\
+        [[shaft]]\nid = \"motor\"\nspeed_hz = 10.0\n[[shaft]]\nid = \"main\"\n\
+        [[gear]]\nid = \"mesh\"\ndriving = { shaft = \"motor\", teeth = 28 }\n\
+        driven = { shaft = \"main\", teeth = 28 }\n\
+        [[sensor]]\nchannel = \"acc\"\nkind = \"accelerometer\"\nat = { gear = \"mesh\" }\n";
+
+    const RATE_HZ: f64 = 10_000.0;
+
+    /// Ten seconds of a 28-tooth mesh at 10 Hz; a burst of `burst` at `angle_deg` of each revolution.
+    fn mesh(burst: f64, angle_deg: f64) -> Vec<f32> {
+        let sample = |i: u32| {
+            let t = f64::from(i) / RATE_HZ;
+            let since = (t * 10.0 - angle_deg / 360.0).rem_euclid(1.0) / 10.0;
+            let ringing = (-since / 1.5e-3).exp() * (TAU * 1730.0 * since).sin();
+            f32::rounded((TAU * 280.0 * t).cos() + 0.2 * (TAU * 10.0 * t).cos() + burst * ringing)
+        };
+        (0..100_000).map(sample).collect()
+    }
+
+    fn reading(x: &[f32]) -> GearReading {
+        let machine = file::parse(RIG, "rig.toml").unwrap();
+        let channel = ChannelInfo {
+            name: "acc".to_owned(),
+            sample_rate: Hz(RATE_HZ),
+            unit: Unit::Unknown,
+            offset: 0.0,
+            unit_conflict: None,
+            full_scale: None,
+        };
+        let pulses: Vec<f64> = (0..=99).map(|k| f64::from(k) / 10.0).collect();
+        let speed = Speed {
+            first: Some(Hz(10.0)),
+            source: Some(SpeedSource::Tacho),
+            confidence: 1.0,
+            excursion: 0.0,
+            phase: PhaseTrack::from_pulses(&pulses, 1),
+            notes: Vec::new(),
+        };
+        let input = Input { sensor: 0, channel: ChannelIndex(0), samples: x, range: (0, 100_000) };
+        let mut found = read(&machine, &[channel], &speed, &[input]);
+        assert_eq!(found.len(), 1, "a 1 : 1 pair is averaged once");
+        found.remove(0)
+    }
+
+    #[test]
+    fn a_burst_once_a_revolution_is_found_at_its_angle() {
+        let (healthy, damaged) = (reading(&mesh(0.001, 120.0)), reading(&mesh(0.5, 120.0)));
+        assert!(damaged.has_angle && damaged.revolutions >= 97);
+        // The same burst 500 times larger: linear up to what the mesh leaves, 1e-4 of it.
+        let ratio = damaged.local_amplitude / healthy.local_amplitude;
+        assert!(ratio > 100.0, "{ratio}");
+        // One tooth is 12.9°; the ringing itself lasts 5°.
+        let angle = damaged.localisation.centre_rev * 360.0;
+        assert!((angle - 120.0).abs() < 360.0 / 28.0, "{angle}");
+    }
 
     #[test]
     fn the_crossing_of_a_cosine_is_ninety_degrees_before_its_crest() {

@@ -6,7 +6,6 @@ use super::absolute::AbsoluteSpectrum;
 use super::bands;
 use super::bands::Band;
 use super::bearing;
-use super::bearing::BandReading;
 use super::bearing::DefectLine;
 use super::bearing::DepthSpectrum;
 use super::bearing::KnownLine;
@@ -17,6 +16,7 @@ use crate::dsp::envelope;
 use crate::dsp::envelope::EnvelopeSpectrumPlan;
 use crate::dsp::envelope::SquaredEnvelopePlan;
 use crate::dsp::fft::FftCache;
+use crate::dsp::real::floor_index;
 use crate::dsp::whiten::WhitenPlan;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
@@ -125,7 +125,7 @@ impl<'m> LineReader<'m> {
     ) {
         let duration_s = n as f64 / rate.0;
         let mut whitened = vec![Complex::default(); x_hat.len()];
-        let half_width = index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
+        let half_width = floor_index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
         WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
         let known: Vec<_> = pending.iter().map(|(_, target)| self.known_lines(target)).collect();
         let min_width = Hz(fastest.0 * MIN_WIDTH_PER_LINE);
@@ -326,23 +326,4 @@ fn depth_spectrum(
     let mut depth = vec![0.0_f32; plan.n_bins()];
     let mean_square = plan.process(&e2, &mut depth)?;
     Some((depth, plan.bin_width_hz(squared.out_rate_hz(rate.0)), mean_square))
-}
-
-fn index(x: f64) -> usize {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "float to int casts saturate"
-    )]
-    let i = x as usize;
-    i
-}
-
-/// The best reading of a search by effect size among those the caller accepts.
-#[must_use]
-pub fn deepest<'a>(
-    readings: &'a [BandReading],
-    accept: impl Fn(&BandReading) -> bool,
-) -> Option<&'a BandReading> {
-    readings.iter().filter(|r| accept(r)).max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()))
 }

@@ -5,6 +5,7 @@
 //! (docs/theory.md, F1–F3). Harmonics that a bearing's defect lines or the mains could imitate take no part.
 
 use crate::dsp::order::PhaseTrack;
+use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
@@ -125,8 +126,8 @@ pub fn peaks(x_hat: &[Complex<f32>], n: usize, sample_rate: Hz, top: Hz, block: 
         let im = 0.5 * b.1 - 0.25 * (a.1 + c.1);
         re.hypot(im)
     };
-    let last = index((top.0 / bin_hz).ceil()).min(x_hat.len().saturating_sub(2));
-    let width = index((block.0 / bin_hz).ceil()).max(16);
+    let last = floor_index((top.0 / bin_hz).ceil()).min(x_hat.len().saturating_sub(2));
+    let width = floor_index((block.0 / bin_hz).ceil()).max(16);
     let amplitude: Vec<f64> = (0..=last + width).map(hann).collect();
     let mut found = Vec::new();
     for k in 2..last {
@@ -268,21 +269,12 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
     }
 }
 
-fn index(x: f64) -> usize {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "float to int casts saturate"
-    )]
-    let i = x as usize;
-    i
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::dsp::fft::FftCache;
     use crate::dsp::fft::ForwardPlan;
+    use crate::dsp::real::Real;
 
     fn spectrum_of(fs: f64, n: usize, tones: &[(f64, f64)]) -> Vec<Complex<f32>> {
         let mut state = 99_u64;
@@ -293,7 +285,7 @@ mod tests {
                 let t = i as f64 / fs;
                 let sum: f64 =
                     tones.iter().map(|(f, a)| a * (std::f64::consts::TAU * f * t).cos()).sum();
-                (sum + noise) as f32
+                f32::rounded(sum + noise)
             })
             .collect();
         let mut plan = ForwardPlan::new(n, &mut FftCache::new());

@@ -356,3 +356,6 @@ impl Monitor {
 fn ring_seconds(settings: &Settings) -> f64 {
     settings.ring_s.max(settings.window_s + settings.hop_s)
 }
+
+#[cfg(test)]
+mod tests;

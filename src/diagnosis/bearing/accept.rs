@@ -1,0 +1,168 @@
+//! Which lines are proven: weighed over the bands, accepted strongest first, each explaining others.
+
+use crate::diagnosis::confidence;
+use crate::diagnosis::severity;
+use crate::features::WindowFeatures;
+use crate::features::bearing::BandReading;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::machine::BearingIndex;
+use crate::units::Hz;
+
+/// A band counts as showing a line at this probability.
+const BAND_PROBABILITY: f64 = 1e-4;
+
+/// Relative error allowed when a line is matched to another's harmonic.
+const MATCH_TOLERANCE: f64 = 5e-4;
+
+/// A line of one bearing, read in one channel, after what is explained has been taken out.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate<'a> {
+    pub(super) search: &'a LineSearch,
+    pub(super) n_bands: usize,
+    pub(super) n_showing: usize,
+    pub(super) probability: f64,
+    pub(super) best: Option<&'a BandReading>,
+}
+
+/// An accepted line, and what it explains elsewhere.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Accepted<'a> {
+    pub(super) bearing: BearingIndex,
+    pub(super) line: DefectLine,
+    pub(super) frequency: Hz,
+    pub(super) spacing: Hz,
+    pub(super) search: &'a LineSearch,
+}
+
+impl Accepted<'_> {
+    /// Whether `frequency` is a harmonic or side band of this line.
+    pub(super) fn explains(&self, frequency: Hz, resolution: Hz) -> bool {
+        (0..=4).any(|k| {
+            (-2..=2).filter(|m| k != 0 || *m != 0).any(|m| {
+                let place = f64::from(k) * self.frequency.0 + f64::from(m) * self.spacing.0;
+                (frequency.0 - place).abs() <= resolution.0 + MATCH_TOLERANCE * place.abs()
+            })
+        })
+    }
+}
+
+impl<'a> Candidate<'a> {
+    pub(super) fn depth(&self) -> f64 {
+        self.best.map_or(0.0, BandReading::total_depth)
+    }
+
+    pub(super) fn part(&self) -> f64 {
+        if self.n_bands == 0 { 0.0 } else { self.n_showing as f64 / self.n_bands as f64 }
+    }
+
+    /// Power the line carries in its best band: what decides who hears it best.
+    pub(super) fn line_power(&self) -> f64 {
+        self.best.map_or(0.0, |b| b.total_depth() * b.mean_square)
+    }
+
+    pub(super) fn power_ratio(&self) -> f64 {
+        let fundamental = self.best.and_then(|b| b.harmonics[0]);
+        fundamental.map_or(0.0, |h| h.power_ratio)
+    }
+
+    /// Weighs one search, leaving out readings that accepted lines explain. `n_looks`: searches of
+    /// this bearing among which the strongest is picked.
+    pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
+        let readings = search.outcome.as_deref().unwrap_or(&[]);
+        // A line is weighed as it was accepted: against those accepted before it.
+        let before =
+            accepted.iter().take_while(|a| (a.bearing, a.line) != (search.bearing, search.line));
+        let before: Vec<&Accepted<'_>> = before.collect();
+        let own =
+            |r: &BandReading| !before.iter().any(|a| a.explains(r.frequency, search.resolution));
+        let probabilities: Vec<f64> = readings
+            .iter()
+            .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
+            .collect();
+        let showing =
+            |r: &&BandReading| own(r) && confidence::band_probability(r) <= BAND_PROBABILITY;
+        let best = readings
+            .iter()
+            .filter(showing)
+            .max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()));
+        Self {
+            search,
+            n_bands: readings.len(),
+            n_showing: readings.iter().filter(showing).count(),
+            probability: (confidence::combine(&probabilities) * n_looks).min(1.0),
+            best,
+        }
+    }
+
+    pub(super) fn is_proven(&self) -> bool {
+        self.probability <= confidence::FALSE_ALARM_PROBABILITY
+            && self.depth() >= severity::WARNING_DEPTH
+    }
+}
+
+pub(super) fn n_looks(features: &WindowFeatures, bearing: BearingIndex) -> f64 {
+    features.bearing_lines.iter().filter(|s| s.bearing == bearing && s.outcome.is_ok()).count()
+        as f64
+}
+
+/// Accepts proven lines, strongest first, until none is left that the accepted do not explain.
+///
+/// Cage lines come last and only for bearings without another: every defect's line carries the
+/// cage rate as soon as the elements differ from one another.
+pub(super) fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
+    let mut accepted = Vec::new();
+    accept_among(features, &mut accepted, |line| line != DefectLine::Ftf);
+    let with_race: Vec<BearingIndex> = accepted.iter().map(|a| a.bearing).collect();
+    accept_among(features, &mut accepted, |line| line == DefectLine::Ftf);
+    accepted.retain(|a| a.line != DefectLine::Ftf || !with_race.contains(&a.bearing));
+    accepted
+}
+
+pub(super) fn accept_among<'a>(
+    features: &'a WindowFeatures,
+    accepted: &mut Vec<Accepted<'a>>,
+    eligible: impl Fn(DefectLine) -> bool,
+) {
+    loop {
+        let next = features
+            .bearing_lines
+            .iter()
+            .filter(|s| eligible(s.line))
+            .filter(|s| !accepted.iter().any(|a| (a.bearing, a.line) == (s.bearing, s.line)))
+            .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
+            .filter(Candidate::is_proven)
+            .max_by(|a, b| (a.depth() * a.part()).total_cmp(&(b.depth() * b.part())));
+        let Some((candidate, best)) = next.as_ref().and_then(|c| c.best.map(|b| (c, b))) else {
+            return;
+        };
+        let search = heard_best(features, candidate, best.frequency);
+        accepted.push(Accepted {
+            bearing: search.bearing,
+            line: search.line,
+            frequency: best.frequency,
+            spacing: search.shaft_speed,
+            search,
+        });
+    }
+}
+
+/// Among equal bearings the line belongs to the one whose sensor shows it with the most power.
+pub(super) fn heard_best<'a>(
+    features: &'a WindowFeatures,
+    candidate: &Candidate<'a>,
+    frequency: Hz,
+) -> &'a LineSearch {
+    features
+        .bearing_lines
+        .iter()
+        .filter(|s| s.line == candidate.search.line)
+        .map(|s| Candidate::weigh(s, &[], n_looks(features, s.bearing)))
+        .filter(|c| c.is_proven())
+        .filter(|c| {
+            let near = c.search.resolution.0 + MATCH_TOLERANCE * frequency.0;
+            c.best.is_some_and(|b| (b.frequency.0 - frequency.0).abs() <= near)
+        })
+        .max_by(|a, b| a.line_power().total_cmp(&b.line_power()))
+        .map_or(candidate.search, |c| c.search)
+}

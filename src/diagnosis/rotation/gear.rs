@@ -1,0 +1,126 @@
+//! Verdict on a gear: energy that stays at one place of the revolution.
+
+use super::accuse;
+use super::acquit;
+use super::cannot_look;
+use super::signs::Indicator;
+use super::signs::ShaftSigns;
+use super::signs::same_speed;
+use crate::diagnosis::Context;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::GearSide;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::diagnosis::verdict::GearFinding;
+use crate::features::WindowFeatures;
+use crate::features::gear::GearReading;
+use crate::machine::GearIndex;
+use crate::machine::ShaftIndex;
+
+pub(super) fn judge_gear(
+    gear: GearIndex,
+    signs: &[ShaftSigns],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> ComponentDiagnosis {
+    let id = &context.machine.gear(gear).id;
+    let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Gear, String::new());
+    if let Some(why) = cannot_look(features, context) {
+        verdict.why = why.replace("no proximity probe and no baseline", "no baseline");
+        return verdict;
+    }
+    let local = signs
+        .iter()
+        .enumerate()
+        .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
+        .filter(|(_, _, g, _)| *g == gear)
+        .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
+        .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio));
+    let Some((shaft, signs, local)) = local else {
+        verdict.why =
+            "no synchronous average: a tacho, or a speed confirmed by shaft harmonics, is needed"
+                .to_owned();
+        return verdict;
+    };
+    verdict.evidence = [Some(local), signs.cwt.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(|i| i.evidence.clone())
+        .collect();
+    let cwt_up = signs.cwt.as_ref().is_some_and(Indicator::is_up);
+    if !local.is_up() {
+        let why =
+            format!("the localised difference signal is {:.2} times its baseline", local.ratio);
+        acquit(&mut verdict, local.ratio, why, features);
+        return verdict;
+    }
+    let fault = cwt_up.then_some(FaultMode::ToothDamage);
+    accuse(&mut verdict, local, fault, features);
+    verdict.why = format!(
+        "the difference signal of the synchronous average is {:.1} times its baseline at one place of the revolution in {}{}",
+        local.ratio,
+        local.evidence.channel,
+        if cwt_up { ", with 1× up" } else { ", 1× is not up: cause not proven" }
+    );
+    verdict.gear = Some(finding(gear, shaft, features, context));
+    verdict
+}
+
+/// Member, angle and tooth, as far as the average tells.
+pub(super) fn finding(
+    gear: GearIndex,
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> GearFinding {
+    let described = context.machine.gear(gear);
+    let one_to_one = same_speed(described.driving.shaft, described.driven.shaft, context);
+    let (side, member) = if same_speed(described.driving.shaft, shaft, context) {
+        (GearSide::Driving, &described.driving)
+    } else {
+        (GearSide::Driven, &described.driven)
+    };
+    let reading = features
+        .gears
+        .iter()
+        .filter(|r: &&GearReading| r.gear == gear && same_speed(r.shaft, shaft, context))
+        .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude));
+    let mut finding =
+        GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };
+    if let Some(reading) = reading.filter(|r| r.has_angle) {
+        let offset =
+            context.machine.sensors.iter().find_map(|s| s.tacho).map_or(0.0, |t| t.offset_deg);
+        let angle = (reading.localisation.centre_rev * 360.0 + offset).rem_euclid(360.0);
+        finding.angle_deg = Some(angle);
+        finding.source_zero_crossing_deg = Some(reading.zero_crossing_deg);
+        finding.tooth = member.tooth_1_at_deg.map(|at| tooth(angle, at, member.teeth));
+    }
+    finding
+}
+
+/// tooth = 1 + round((angle − tooth_1_at)·z/360) mod z.
+pub(super) fn tooth(angle_deg: f64, tooth_1_at_deg: f64, teeth: u32) -> u32 {
+    let steps = ((angle_deg - tooth_1_at_deg) * f64::from(teeth) / 360.0)
+        .round()
+        .rem_euclid(f64::from(teeth));
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 ≤ steps < teeth"
+    )]
+    let steps = steps as u32;
+    1 + steps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn teeth_are_counted_from_tooth_one_around_the_circle() {
+        assert_eq!(tooth(0.0, 0.0, 28), 1);
+        assert_eq!(tooth(360.0 / 28.0, 0.0, 28), 2);
+        assert_eq!(tooth(359.0, 0.0, 28), 1);
+        assert_eq!(tooth(0.0, 360.0 / 28.0, 28), 28);
+    }
+}

@@ -1,0 +1,92 @@
+//! Shafts and gears, judged jointly: "something once a revolution" does not name the part.
+//!
+//! Displacement at 1×, CWT amplitude at 1× and the localised difference signal, each against the
+//! baseline, are read together in the joint table of docs/theory.md (J1). What was not measured
+//! leaves the parts it would separate undetermined.
+
+mod signs;
+mod shaft;
+mod gear;
+
+use super::Context;
+use super::fault::FaultMode;
+use super::fault::State;
+use super::severity;
+use super::verdict::ComponentDiagnosis;
+use crate::features::WindowFeatures;
+use crate::machine::GearIndex;
+use crate::machine::ShaftIndex;
+use crate::machine::sensor::SensorKind;
+use signs::Indicator;
+use signs::ShaftSigns;
+
+/// Ratio to baseline that counts as "up": what a healthy straight shaft stays below with other parts
+/// damaged (≤ 3), far under what a bow or a worn tooth shows.
+pub const UP_RATIO: f64 = 3.0;
+
+/// Ratio that counts as damaged: ten times "up".
+pub const DAMAGED_RATIO: f64 = 30.0;
+
+/// Judges every shaft and gear.
+#[must_use]
+pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
+    let machine = context.machine;
+    let signs: Vec<ShaftSigns> =
+        (0..machine.shafts.len()).map(|s| signs::signs(ShaftIndex(s), features, context)).collect();
+    let mut verdicts: Vec<ComponentDiagnosis> = signs
+        .iter()
+        .enumerate()
+        .map(|(s, signs)| shaft::judge_shaft(ShaftIndex(s), signs, features, context))
+        .collect();
+    verdicts.extend(
+        (0..machine.gears.len()).map(|g| gear::judge_gear(GearIndex(g), &signs, features, context)),
+    );
+    verdicts
+}
+
+/// Why neither shaft nor gear can be judged, if so.
+fn cannot_look(features: &WindowFeatures, context: &Context<'_>) -> Option<String> {
+    if features.speed.first.is_none() {
+        return Some("shaft speed is not known".to_owned());
+    }
+    let probe = context
+        .machine
+        .sensors
+        .iter()
+        .zip(context.channel_of_sensor)
+        .any(|(s, channel)| s.kind == SensorKind::Proximitor && channel.is_some());
+    context.baseline.records.is_empty().then(|| {
+        if probe {
+            "no baseline to compare the displacement with"
+        } else {
+            "no proximity probe and no baseline"
+        }
+        .to_owned()
+    })
+}
+
+fn accuse(
+    verdict: &mut ComponentDiagnosis,
+    by: &Indicator,
+    fault: Option<FaultMode>,
+    features: &WindowFeatures,
+) {
+    let severity = severity::of_ratio(by.ratio, UP_RATIO, DAMAGED_RATIO);
+    verdict.state = severity::state(severity);
+    verdict.fault = fault;
+    verdict.severity = Some(severity);
+    let named = if fault.is_some() { 0.85 } else { 0.9 };
+    verdict.confidence =
+        Some(named * (0.5 + 0.5 * features.speed.confidence) * (1.0 - by.probability));
+}
+
+fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &WindowFeatures) {
+    verdict.state = State::Healthy;
+    verdict.severity =
+        Some(severity::of_ratio(ratio, UP_RATIO, DAMAGED_RATIO).min(severity::WARNING - 1e-6));
+    verdict.confidence = Some(0.85 * (0.5 + 0.5 * features.speed.confidence));
+    verdict.why = why;
+}
+
+#[cfg(test)]
+mod tests;

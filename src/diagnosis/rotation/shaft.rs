@@ -1,0 +1,116 @@
+//! Verdict on a shaft: by its probe where there is one, else by what the housing shows.
+
+use super::accuse;
+use super::acquit;
+use super::cannot_look;
+use super::signs::Indicator;
+use super::signs::ShaftSigns;
+use crate::diagnosis::Context;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::WindowFeatures;
+use crate::features::shaft;
+use crate::machine::ShaftIndex;
+use crate::units::Hz;
+use crate::units::Unit;
+
+/// Unbalance is excluded when the eccentricity it would need exceeds ten times the ISO 21940-11
+/// grade G 40: e·ω = 40 mm/s.
+const ECCENTRICITY_SPEED_MM_PER_S: f64 = 400.0;
+
+/// The rule holds well below the first critical speed only.
+const MAX_SPEED_PER_CRITICAL: f64 = 0.3;
+
+pub(super) fn judge_shaft(
+    shaft: ShaftIndex,
+    signs: &ShaftSigns,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> ComponentDiagnosis {
+    let id = &context.machine.shaft(shaft).id;
+    let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Shaft, String::new());
+    if let Some(why) = cannot_look(features, context) {
+        verdict.why = why;
+        return verdict;
+    }
+    let indicators = [&signs.displacement, &signs.cwt, &signs.housing];
+    verdict.evidence =
+        indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
+    match &signs.displacement {
+        Some(d) if d.is_up() => {
+            let bow = excludes_unbalance(shaft, features, context);
+            accuse(&mut verdict, d, bow.then_some(FaultMode::Bow), features);
+            let cause = if bow {
+                "; unbalance would need more than ten times G 40"
+            } else {
+                ", cause not proven"
+            };
+            verdict.why = format!(
+                "1× displacement is {:.1} times its baseline in {}{cause}",
+                d.ratio, d.evidence.channel
+            );
+        }
+        Some(d) => {
+            let why = format!("1× displacement is {:.2} times its baseline", d.ratio);
+            acquit(&mut verdict, d.ratio, why, features);
+        }
+        None => judge_by_housing(&mut verdict, signs, features),
+    }
+    verdict
+}
+
+/// Judges a shaft that no probe observes: the joint table's last row.
+pub(super) fn judge_by_housing(
+    verdict: &mut ComponentDiagnosis,
+    signs: &ShaftSigns,
+    features: &WindowFeatures,
+) {
+    // Two looks at the same rise: the larger ratio, its probability doubled.
+    let once = [&signs.cwt, &signs.housing].into_iter().flatten();
+    let Some(mut once) = once.max_by(|a, b| a.ratio.total_cmp(&b.ratio)).cloned() else {
+        verdict.why = "the baseline has no 1× amplitude of this shaft".to_owned();
+        return;
+    };
+    once.probability = (2.0 * once.probability).min(1.0);
+    let text = format!(
+        "1× on the housing is {:.2} times its baseline in {}",
+        once.ratio, once.evidence.channel
+    );
+    let local_up = signs.local.iter().any(|(_, i)| i.as_ref().is_some_and(Indicator::is_up));
+    if !once.is_up() {
+        acquit(verdict, once.ratio, text, features);
+    } else if !once.stands_out() {
+        verdict.why = format!("{text}, but the whole channel rose with it");
+    } else if signs.local.is_empty() {
+        accuse(verdict, &once, None, features);
+        verdict.why =
+            format!("{text}; unbalance, bow and coupling are not separable without a probe");
+    } else if local_up {
+        verdict.why =
+            format!("{text}, explained by the gear; a shaft fault beside it needs a probe");
+    } else {
+        verdict.why = format!("{text}; shaft and gear are not separable without a probe");
+    }
+}
+
+/// Whether the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten
+/// times G 40 (docs/theory.md, J2).
+fn excludes_unbalance(shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) -> bool {
+    let described = context.machine.shaft(shaft);
+    let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| Hz(f.0 * r));
+    let (Some(speed), Some(critical)) = (speed, described.first_critical) else { return false };
+    let r = speed.0 / critical.0;
+    if r >= MAX_SPEED_PER_CRITICAL || r <= 0.0 {
+        return false;
+    }
+    let name = shaft::line_name(1, &described.id);
+    let amplitude_um = features
+        .channels
+        .iter()
+        .filter(|c| context.channels[c.channel.0].unit == Unit::Micrometre)
+        .filter_map(|c| c.get(&name))
+        .fold(0.0, f64::max);
+    let eccentricity_um = amplitude_um * (1.0 - r * r) / (r * r);
+    eccentricity_um * 1e-3 * speed.to_rad_per_s().0 > ECCENTRICITY_SPEED_MM_PER_S
+}

@@ -1,0 +1,159 @@
+//! The signs of one shaft, each a ratio to the baseline: displacement, CWT and housing line at 1×,
+//! localised difference signal.
+
+use super::UP_RATIO;
+use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Comparison;
+use crate::diagnosis::confidence;
+use crate::diagnosis::fault::Detector;
+use crate::diagnosis::verdict::Evidence;
+use crate::features::ChannelFeatures;
+use crate::features::WindowFeatures;
+use crate::features::gear;
+use crate::features::overall;
+use crate::features::shaft;
+use crate::machine::GearIndex;
+use crate::machine::ShaftIndex;
+use crate::machine::sensor::SensorKind;
+use crate::units::Unit;
+
+/// One indicator against the baseline, the strongest of its channels.
+#[derive(Debug, Clone)]
+pub(super) struct Indicator {
+    pub(super) ratio: f64,
+    pub(super) probability: f64,
+    /// Ratio to baseline of what the shaft lines leave in the same channel.
+    pub(super) rest: Option<f64>,
+    pub(super) evidence: Evidence,
+}
+
+impl Indicator {
+    /// Whether the rise is more than that of everything else in the channel.
+    pub(super) fn stands_out(&self) -> bool {
+        self.ratio >= MORE_THAN_THE_REST * self.rest.unwrap_or(1.0).max(1.0)
+    }
+
+    pub(super) fn is_up(&self) -> bool {
+        self.ratio >= UP_RATIO && self.probability <= confidence::FALSE_ALARM_PROBABILITY
+    }
+}
+
+/// A 1× that tells of the shaft rises at least this much more than the rest of its channel (6 dB):
+/// a changed gain or a machine that shakes altogether raises everything.
+const MORE_THAN_THE_REST: f64 = 2.0;
+
+/// What is known of one shaft.
+pub(super) struct ShaftSigns {
+    pub(super) displacement: Option<Indicator>,
+    pub(super) cwt: Option<Indicator>,
+    /// 1× line of the housings, single axis: what is left without a probe.
+    pub(super) housing: Option<Indicator>,
+    /// Localised difference signal of the gears on this shaft.
+    pub(super) local: Vec<(GearIndex, Option<Indicator>)>,
+}
+
+pub(super) fn signs(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> ShaftSigns {
+    let machine = context.machine;
+    let id = &machine.shaft(shaft).id;
+    let hears = |channel: &ChannelFeatures, kind: SensorKind| {
+        let sensor =
+            machine.sensors.iter().find(|s| s.channel == context.channel_name(channel.channel));
+        sensor.is_some_and(|s| {
+            s.kind == kind && machine.shaft_at(s).is_none_or(|at| same_speed(at, shaft, context))
+        })
+    };
+    let of_kind = |kind: SensorKind| {
+        features.channels.iter().filter(move |c| hears(c, kind)).collect::<Vec<_>>()
+    };
+    let probes = of_kind(SensorKind::Proximitor);
+    let housings = of_kind(SensorKind::Accelerometer);
+    let displacement = strongest(&probes, &[shaft::line_name(1, id)], features, context);
+    let single = shaft::cwt_name(id);
+    let absolute = format!("absolute_{single}");
+    let cwt = strongest(&housings, &[absolute], features, context)
+        .or_else(|| strongest(&housings, &[single], features, context));
+    let housing = strongest(&housings, &[shaft::line_name(1, id)], features, context);
+    let on_shaft = machine.gears.iter().enumerate().filter(|(_, g)| {
+        [g.driving.shaft, g.driven.shaft].into_iter().any(|s| same_speed(s, shaft, context))
+    });
+    let local = on_shaft
+        .map(|(g, described)| {
+            let names: Vec<String> = [described.driving.shaft, described.driven.shaft]
+                .into_iter()
+                .filter(|s| same_speed(*s, shaft, context))
+                .map(|s| gear::local_name(&described.id, &machine.shaft(s).id))
+                .collect();
+            (GearIndex(g), strongest(&housings, &names, features, context))
+        })
+        .collect();
+    ShaftSigns { displacement, cwt, housing, local }
+}
+
+/// Two shafts whose once-a-revolution events cannot be told apart.
+pub(super) fn same_speed(a: ShaftIndex, b: ShaftIndex, context: &Context<'_>) -> bool {
+    let ratio = |s: ShaftIndex| context.machine.shaft(s).ratio_to_first;
+    a == b || matches!((ratio(a), ratio(b)), (Some(x), Some(y)) if (x - y).abs() < 1e-9)
+}
+
+/// The largest ratio among channels and names, its probability paid for the looks.
+pub(super) fn strongest(
+    channels: &[&ChannelFeatures],
+    names: &[String],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<Indicator> {
+    let mut found: Vec<Indicator> = Vec::new();
+    for channel in channels {
+        for name in names {
+            let Some(feature) = channel.values.iter().find(|f| *f.name == **name) else { continue };
+            let channel_name = context.channel_name(channel.channel);
+            let Some(comparison) = context.baseline.compare(channel_name, name, feature.value)
+            else {
+                continue;
+            };
+            let rest = channel.get(overall::RMS_BESIDE_SHAFTS).and_then(|value| {
+                context.baseline.compare(channel_name, overall::RMS_BESIDE_SHAFTS, value)
+            });
+            let mut sign = indicator(name, channel_name, channel, comparison, features);
+            sign.rest = rest.map(|c| c.ratio);
+            found.push(sign);
+        }
+    }
+    let looks = found.len() as f64;
+    let mut best = found.into_iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    best.probability = (best.probability * looks).min(1.0);
+    best.evidence.false_alarm_probability = Some(best.probability);
+    Some(best)
+}
+
+pub(super) fn indicator(
+    name: &str,
+    channel_name: &str,
+    channel: &ChannelFeatures,
+    comparison: Comparison,
+    features: &WindowFeatures,
+) -> Indicator {
+    let probability = confidence::normal_tail(comparison.z());
+    Indicator {
+        ratio: comparison.ratio,
+        probability,
+        rest: None,
+        evidence: Evidence {
+            indicator: format!("{name}_ratio_to_baseline"),
+            channel: channel_name.to_owned(),
+            detector: Some(Detector::ZeroToPeak),
+            frequency: features.speed.first,
+            expected: None,
+            order: None,
+            value: comparison.ratio,
+            unit: Unit::One,
+            threshold: Some(UP_RATIO),
+            false_alarm_probability: Some(probability),
+            sample_range: Some(channel.sample_range),
+        },
+    }
+}

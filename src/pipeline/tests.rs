@@ -1,0 +1,204 @@
+//! The flow as a whole: windows, gaps, duplicates, block sizes.
+
+use super::Monitor;
+use super::MonitorError;
+use super::Outcome;
+use super::Settings;
+use super::SpeedHints;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::dsp::real::Real;
+use crate::machine::file;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+const RATE_HZ: f64 = 5000.0;
+
+/// 6205-like bearing: BPFO 3.585, BPFI 5.415 times 20 Hz.
+const MACHINE: &str = "[machine]\nid = \"m\"\nname = \"m\"\n[[shaft]]\nid = \"main\"\nspeed_hz = 20.0\n\
+    [[bearing]]\nid = \"b\"\nshaft = \"main\"\nelements = 9\nelement_diameter_mm = 7.94\n\
+    pitch_diameter_mm = 39.04\n[[sensor]]\nchannel = \"acc\"\nkind = \"accelerometer\"\n\
+    at = { bearing = \"b\" }\n";
+
+/// An inner-race defect in noise: impacts at BPFI, stronger in the load zone, ringing at 1.4 kHz.
+fn signal(n: usize) -> Vec<f32> {
+    let mut state = 7_u64;
+    let mut noise = move || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / (1_u64 << 31) as f64 - 0.5
+    };
+    let rate = 5.4152 * 20.0 * 0.997;
+    let sample = |i: usize| {
+        let t = i as f64 / RATE_HZ;
+        let since = (t * rate).fract() / rate;
+        let load = 1.0 + 0.6 * (TAU * 20.0 * t).cos();
+        let ringing = load * (-since / 8e-4).exp() * (TAU * 1400.0 * since).sin();
+        3.0 * ringing + 0.2 * (TAU * 20.0 * t).cos() + 0.5 * noise()
+    };
+    let mut sample = sample;
+    (0..n).map(|i| f32::rounded(sample(i))).collect()
+}
+
+fn channel(name: &str) -> ChannelInfo {
+    ChannelInfo {
+        name: name.to_owned(),
+        sample_rate: Hz(RATE_HZ),
+        unit: Unit::MetrePerSecondSquared,
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
+    }
+}
+
+fn monitor() -> Monitor {
+    let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
+    let settings = Settings::default();
+    Monitor::new(machine, vec![channel("acc")], SpeedHints::default(), &settings).unwrap()
+}
+
+/// Cuts samples `range` of `x` into blocks of `size`.
+fn blocks(x: &[f32], range: std::ops::Range<usize>, size: usize) -> Vec<Block> {
+    range
+        .clone()
+        .step_by(size)
+        .map(|start| Block {
+            channel: ChannelIndex(0),
+            start: SampleIndex(start as u64),
+            segment: 0,
+            time_s: start as f64 / RATE_HZ,
+            samples: x[start..(start + size).min(range.end)].to_vec(),
+        })
+        .collect()
+}
+
+fn run(blocks: &[Block]) -> (Vec<Outcome>, Monitor) {
+    let mut monitor = monitor();
+    let mut outcomes = Vec::new();
+    for block in blocks {
+        monitor.step(block, &mut |o| outcomes.push(o));
+    }
+    monitor.finish(&mut |o| outcomes.push(o));
+    (outcomes, monitor)
+}
+
+#[test]
+fn an_inner_race_defect_is_found_and_raises_an_alarm() {
+    let x = signal(60_000);
+    let (outcomes, _) = run(&blocks(&x, 0..60_000, 1000));
+    assert_eq!(outcomes.len(), 2, "hops end at 5 and 10 s; 2 s are less than half a hop");
+    let bearing = &outcomes[1].diagnosis.components[0];
+    assert!(bearing.state.is_accusation(), "{bearing:?}");
+    assert_eq!(bearing.fault, Some(FaultMode::InnerRace));
+    assert_eq!(outcomes[0].alarm_events.len(), 1);
+    assert_eq!(outcomes[1].diagnosis.samples_used, 50_000);
+}
+
+#[test]
+fn block_size_changes_nothing() {
+    let x = signal(60_000);
+    let (a, _) = run(&blocks(&x, 0..60_000, 137));
+    let (b, _) = run(&blocks(&x, 0..60_000, 20_011));
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(&b) {
+        assert_eq!(a.diagnosis, b.diagnosis, "bit for bit");
+        assert_eq!(a.features, b.features);
+        assert_eq!(a.alarm_events, b.alarm_events);
+    }
+}
+
+#[test]
+fn duplicated_blocks_are_counted_and_change_nothing() {
+    let x = signal(60_000);
+    let once = blocks(&x, 0..60_000, 1000);
+    let twice: Vec<Block> = once.iter().flat_map(|b| [b.clone(), b.clone()]).collect();
+    let ((a, _), (b, monitor)) = (run(&once), run(&twice));
+    assert_eq!(a[1].diagnosis, b[1].diagnosis);
+    assert_eq!(monitor.ring_status()[0].duplicated, 60_000);
+}
+
+#[test]
+fn no_window_spans_a_gap() {
+    let x = signal(60_000);
+    let mut with_gap = blocks(&x, 0..30_000, 1000);
+    with_gap.extend(blocks(&x, 32_000..60_000, 1000));
+    let (outcomes, monitor) = run(&with_gap);
+    assert_eq!(monitor.ring_status()[0].missing, 2000);
+    for outcome in &outcomes {
+        for (_, start, end) in &outcome.judged.sample_ranges {
+            assert!(*end <= 30_000 || *start >= 32_000, "{start}..{end}");
+        }
+    }
+}
+
+#[test]
+fn a_new_segment_starts_new_windows() {
+    let x = signal(60_000);
+    let mut parts = blocks(&x, 0..20_000, 1000);
+    let mut later = blocks(&x, 20_000..60_000, 1000);
+    for block in &mut later {
+        block.segment = 1;
+        block.time_s += 100.0;
+    }
+    parts.extend(later);
+    let (outcomes, _) = run(&parts);
+    let spans: Vec<(f64, f64)> = outcomes.iter().map(|o| o.time_s).collect();
+    assert_eq!(spans, [(0.0, 4.0), (104.0, 109.0), (104.0, 112.0)]);
+}
+
+#[test]
+fn rejected_samples_are_told_with_their_reason() {
+    let x = signal(30_000);
+    let mut monitor = monitor();
+    monitor.count_rejected(12, "not finite");
+    monitor.count_rejected(3, "not finite");
+    let mut outcomes = Vec::new();
+    for block in blocks(&x, 0..30_000, 1000) {
+        monitor.step(&block, &mut |o| outcomes.push(o));
+    }
+    assert_eq!(outcomes[0].diagnosis.samples_rejected, 15);
+    assert_eq!(outcomes[0].diagnosis.rejected_because, ["15 samples: not finite"]);
+}
+
+#[test]
+fn the_first_windows_become_the_provisional_baseline() {
+    let quiet = signal(40_000);
+    let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
+    let settings = Settings { provisional_windows: Some(6), ..Settings::default() };
+    let mut monitor =
+        Monitor::new(machine, vec![channel("acc")], SpeedHints::default(), &settings).unwrap();
+    let mut outcomes = Vec::new();
+    for segment in 0..10_u32 {
+        let gain = if segment < 8 { 1.0 } else { 30.0 };
+        let block = Block {
+            channel: ChannelIndex(0),
+            start: SampleIndex(u64::from(segment) * 4000),
+            segment,
+            time_s: f64::from(segment) * 10.0,
+            samples: quiet[..4000].iter().map(|v| v * gain).collect(),
+        };
+        monitor.step(&block, &mut |o| outcomes.push(o));
+    }
+    monitor.finish(&mut |o| outcomes.push(o));
+    let machine_state =
+        |o: &Outcome| o.diagnosis.components.iter().find(|c| c.id == "m").unwrap().state;
+    let states: Vec<State> = outcomes.iter().map(machine_state).collect();
+    assert_eq!(states[..6], [State::Undetermined; 6], "nothing to compare with yet");
+    assert_eq!(states[6..8], [State::Healthy; 2]);
+    assert_eq!(states[8..], [State::Damaged; 2]);
+    assert!(outcomes[9].diagnosis.provisional_baseline.is_some());
+}
+
+#[test]
+fn a_stream_without_any_channel_of_the_machine_is_refused() {
+    let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
+    let refused =
+        Monitor::new(machine, vec![channel("z")], SpeedHints::default(), &Settings::default());
+    assert!(matches!(refused, Err(MonitorError::NoCommonChannel { .. })));
+}
