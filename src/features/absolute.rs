@@ -7,6 +7,8 @@ use super::bearing::BandReading;
 use super::bearing::DefectLine;
 use super::bearing::DepthSpectrum;
 use super::bearing::LineTask;
+use crate::dsp::absolute::OversampledAbsolutePlan;
+use crate::dsp::absolute::absolute_vibration;
 use crate::dsp::fft::FftCache;
 use crate::dsp::spectrum::AmplitudePlan;
 use crate::machine::BearingIndex;
@@ -34,6 +36,38 @@ pub struct AbsoluteLine {
     pub sample_range: (u64, u64),
 }
 
+/// Name of the feature "amplitude of `line` of `bearing` in the absolute vibration".
+#[must_use]
+pub fn line_name(line: DefectLine, bearing: &str) -> String {
+    format!("absolute_{}_{bearing}", line.slug())
+}
+
+/// The absolute vibration of a pair.
+#[derive(Debug)]
+pub struct AbsoluteVibration {
+    /// √(x² + y²), its own mean removed.
+    pub samples: Vec<f32>,
+    /// Its rate: the pair's, or twice that.
+    pub sample_rate: Hz,
+}
+
+impl AbsoluteVibration {
+    /// Takes the absolute vibration of `x` and `y`, at twice the rate when lines above an eighth of
+    /// it are read (`top`): the root makes harmonics that would fold onto them.
+    #[must_use]
+    pub fn of(x: &[f32], y: &[f32], sample_rate: Hz, top: Hz, cache: &mut FftCache<f32>) -> Self {
+        if top.0 <= sample_rate.0 / 8.0 {
+            let mut samples = vec![0.0; x.len()];
+            absolute_vibration(x, y, &mut samples);
+            return Self { samples, sample_rate };
+        }
+        let mut plan = OversampledAbsolutePlan::new(x.len(), cache);
+        let mut samples = vec![0.0; plan.out_len()];
+        plan.process(x, y, &mut samples);
+        Self { samples, sample_rate: Hz(2.0 * sample_rate.0) }
+    }
+}
+
 /// The amplitude spectrum of an absolute vibration, scaled as depth.
 #[derive(Debug)]
 pub struct AbsoluteSpectrum {
@@ -44,10 +78,12 @@ pub struct AbsoluteSpectrum {
 }
 
 impl AbsoluteSpectrum {
-    /// Transforms the absolute vibration `a` (own mean removed) of a pair whose root mean square of
-    /// √(x² + y²) is `scale`; `None` when the pair is silent.
+    /// Transforms the absolute vibration `a` of a pair whose root mean square of √(x² + y²) is
+    /// `scale`; `None` when the pair is silent.
     #[must_use]
-    pub fn new(a: &[f32], sample_rate: Hz, scale: f64, cache: &mut FftCache<f32>) -> Option<Self> {
+    pub fn new(a: &AbsoluteVibration, scale: f64, cache: &mut FftCache<f32>) -> Option<Self> {
+        let sample_rate = a.sample_rate;
+        let a = &a.samples[..];
         if scale <= 0.0 || a.is_empty() {
             return None;
         }

@@ -5,7 +5,9 @@ use super::ChannelWindow;
 use super::Feature;
 use super::Window;
 use super::WindowFeatures;
+use super::absolute;
 use super::absolute::AbsoluteLine;
+use super::absolute::AbsoluteVibration;
 use super::gear;
 use super::lines::LineReader;
 use super::overall;
@@ -16,7 +18,6 @@ use super::speed;
 use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedHints;
-use crate::dsp::absolute::absolute_vibration;
 use crate::dsp::cwt::MorletPlan;
 use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
@@ -287,24 +288,31 @@ impl Extractor {
             if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
                 continue;
             }
-            let n = x.samples.len();
-            let mut a = vec![0.0_f32; n];
-            absolute_vibration(x.samples, y.samples, &mut a);
+            let a = AbsoluteVibration::of(
+                x.samples,
+                y.samples,
+                info.sample_rate,
+                reader.top(),
+                &mut self.cache,
+            );
             let scale =
                 (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
-            let channels = (x.channel, y.channel);
-            found.extend(reader.absolute_lines(
-                &machine.sensors[pair.x],
-                (channels, info.sample_rate, x.range),
-                &a,
-                scale,
-                &mut self.cache,
-            ));
+            let sensor = &machine.sensors[pair.x];
+            let heard = ((x.channel, y.channel), info.sample_rate, x.range);
+            let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.cache);
+            let n = a.samples.len();
             let mut plan = ForwardPlan::new(n, &mut self.cache);
             let mut a_hat = vec![Complex::default(); plan.n_bins()];
-            plan.process(&a, &mut a_hat);
-            let extra =
-                cwt_features(machine, (&a_hat, n), info, first, "absolute_", &mut self.cache);
+            plan.process(&a.samples, &mut a_hat);
+            let of_pair = (&a_hat[..], n, a.sample_rate);
+            let mut extra =
+                cwt_features(machine, of_pair, info.unit, first, "absolute_", &mut self.cache);
+            extra.extend(lines.iter().map(|line| Feature {
+                name: Arc::from(absolute::line_name(line.line, &machine.bearing(line.bearing).id)),
+                value: line.amplitude,
+                unit: info.unit,
+            }));
+            found.extend(lines);
             traces[ix].features.extend(extra);
         }
         found
@@ -328,8 +336,8 @@ fn shaft_features(
     features.extend(overall::beside_shafts(&trace.moments, &features, info.unit));
     features.extend(cwt_features(
         machine,
-        (&trace.x_hat, trace.samples.len()),
-        info,
+        (&trace.x_hat, trace.samples.len(), info.sample_rate),
+        info.unit,
         first,
         "",
         cache,
@@ -340,22 +348,18 @@ fn shaft_features(
 /// Mean CWT magnitudes at shaft and mesh frequencies of one signal's spectrum.
 fn cwt_features(
     machine: &Machine,
-    (x_hat, n): (&[Complex<f32>], usize),
-    info: &ChannelInfo,
+    (x_hat, n, sample_rate): (&[Complex<f32>], usize, Hz),
+    unit: Unit,
     first: Hz,
     prefix: &str,
     cache: &mut FftCache<f32>,
 ) -> Vec<Feature> {
     let mut features = Vec::new();
     let mut read = |name: String, frequency: Hz| {
-        let magnitude = MorletPlan::new(n, info.sample_rate.0, frequency.0, OMEGA0, cache)
+        let magnitude = MorletPlan::new(n, sample_rate.0, frequency.0, OMEGA0, cache)
             .and_then(|mut plan| plan.mean_magnitude(x_hat));
         if let Some(value) = magnitude.filter(|v| v.is_finite()) {
-            features.push(Feature {
-                name: Arc::from(format!("{prefix}{name}")),
-                value,
-                unit: info.unit,
-            });
+            features.push(Feature { name: Arc::from(format!("{prefix}{name}")), value, unit });
         }
     };
     for shaft in &machine.shafts {

@@ -3,6 +3,7 @@
 
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteSpectrum;
+use super::absolute::AbsoluteVibration;
 use super::bands;
 use super::bands::Band;
 use super::bearing;
@@ -147,17 +148,31 @@ impl<'m> LineReader<'m> {
         }
     }
 
+    /// Highest frequency at which a bearing's or mesh's line is read: decides about oversampling.
+    #[must_use]
+    pub fn top(&self) -> Hz {
+        let bearings = self.machine.bearings.iter().filter_map(|bearing| {
+            let speed = self.machine.shaft_speed(bearing.shaft, self.first)?;
+            Some(bearing.fault_rates(speed)?.bpfi.0 * bearing::N_HARMONICS as f64)
+        });
+        let gears = self.machine.gears.iter().filter_map(|gear| {
+            let speed = self.machine.shaft_speed(gear.driving.shaft, self.first)?;
+            Some(gear.mesh_frequency(speed).0)
+        });
+        Hz(bearings.chain(gears).fold(0.0, f64::max))
+    }
+
     /// Reads the lines of the pair's bearing in its absolute vibration `a`.
     pub fn absolute_lines(
         &mut self,
         sensor: &Sensor,
         (pair, rate, range): ((ChannelIndex, ChannelIndex), Hz, (u64, u64)),
-        a: &[f32],
+        a: &AbsoluteVibration,
         scale: f64,
         cache: &mut FftCache<f32>,
     ) -> Vec<AbsoluteLine> {
-        let duration_s = a.len() as f64 / rate.0;
-        let Some(spectrum) = AbsoluteSpectrum::new(a, rate, scale, cache) else {
+        let duration_s = a.samples.len() as f64 / a.sample_rate.0;
+        let Some(spectrum) = AbsoluteSpectrum::new(a, scale, cache) else {
             return Vec::new();
         };
         let usable = bands::usable_band(sensor, rate);

@@ -5,6 +5,8 @@ use super::MonitorError;
 use super::Outcome;
 use super::Settings;
 use super::SpeedHints;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::dsp::real::Real;
@@ -201,4 +203,66 @@ fn a_stream_without_any_channel_of_the_machine_is_refused() {
     let refused =
         Monitor::new(machine, vec![channel("z")], SpeedHints::default(), &Settings::default());
     assert!(matches!(refused, Err(MonitorError::NoCommonChannel { .. })));
+}
+
+/// A load that turns with the shaft and swells at BPFI: x and y show BPFI ± 1×, their absolute
+/// vibration BPFI itself (the source's signature).
+fn turning_load(swell: f64) -> [Vec<f32>; 2] {
+    let mut state = 11_u64;
+    let mut noise = move || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        0.1 * ((state >> 33) as f64 / (1_u64 << 31) as f64 - 0.5)
+    };
+    let mut axes = [Vec::new(), Vec::new()];
+    for i in 0..50_000 {
+        let t = f64::from(i) / RATE_HZ;
+        let load = 1.0 + swell * (TAU * 5.4152 * 20.0 * t).cos();
+        axes[0].push(f32::rounded(load * (TAU * 20.0 * t).cos() + noise()));
+        axes[1].push(f32::rounded(load * (TAU * 20.0 * t).sin() + noise()));
+    }
+    axes
+}
+
+#[test]
+fn a_grown_line_of_the_absolute_vibration_names_the_inner_race() {
+    let axis = |name: &str, deg: u32| {
+        format!(
+            "[[sensor]]\nchannel = \"{name}\"\nkind = \"accelerometer\"\n\
+             at = {{ bearing = \"b\" }}\naxis_deg = {deg}.0\n"
+        )
+    };
+    let bearing = &MACHINE[..MACHINE.find("[[sensor]]").unwrap()];
+    let text = format!("{bearing}{}{}", axis("x", 0), axis("y", 90));
+    let machine = Arc::new(file::parse(&text, "m.toml").unwrap());
+    let run = |swell: f64, baseline: &Baseline| {
+        let settings = Settings { baseline: baseline.clone(), ..Settings::default() };
+        let channels = vec![channel("x"), channel("y")];
+        let hints = SpeedHints::default();
+        let mut monitor = Monitor::new(Arc::clone(&machine), channels, hints, &settings).unwrap();
+        let mut newest = None;
+        for (c, samples) in turning_load(swell).into_iter().enumerate() {
+            let block = Block {
+                channel: ChannelIndex(c),
+                start: SampleIndex(0),
+                segment: 0,
+                time_s: 0.0,
+                samples,
+            };
+            monitor.step(&block, &mut |o| newest = Some(o));
+        }
+        newest.unwrap()
+    };
+    let healthy = run(0.0, &Baseline::default());
+    let window = [(healthy.judged.speed, healthy.features)];
+    let record = Record::of_windows("healthy", &window, &[channel("x"), channel("y")]);
+    let baseline = Baseline { records: vec![record], provisional: false };
+    let same = run(0.0, &baseline).diagnosis;
+    assert_eq!(same.components[0].state, State::Healthy, "{:?}", same.components[0]);
+    let damaged = run(0.3, &baseline).diagnosis;
+    let found = &damaged.components[0];
+    assert_eq!(found.fault, Some(FaultMode::InnerRace), "{found:?}");
+    let line = found.evidence.iter().find(|e| e.indicator == "absolute_vibration_bpfi").unwrap();
+    // |1 + 0.3 cos| swells by 0.3; the noise of 0.03 RMS an axis moves a line by 1e-3.
+    assert!((line.value - 0.3).abs() < 0.01, "{line:?}");
 }

@@ -7,6 +7,7 @@
 
 mod accept;
 mod evidence;
+mod grown;
 
 use super::Context;
 use super::confidence;
@@ -75,7 +76,10 @@ fn judge_one(
         .collect();
     match proven.first() {
         Some(first) => accuse(&mut verdict, first, &proven[1..], &candidates, features, context),
-        None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+        None => match grown::strongest(bearing, features, context, accepted) {
+            Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
+            None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+        },
     }
     verdict
 }
@@ -177,6 +181,30 @@ fn accuse(
             rival.search.line.name()
         );
     }
+}
+
+/// Fills in an accusation by a grown line of the absolute vibration.
+fn accuse_by_growth(
+    verdict: &mut ComponentDiagnosis,
+    grown: &grown::Grown<'_>,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let severity = grown.severity();
+    let (x, y) = grown.line.pair;
+    verdict.state = severity::state(severity);
+    verdict.fault = Some(fault_of(grown.line.line));
+    verdict.severity = Some(severity);
+    let speed = 0.5 + 0.5 * features.speed.confidence;
+    verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
+    verdict.why = format!(
+        "{} {:.1} Hz in the absolute vibration of {} and {} is {:.1} times its baseline",
+        grown.line.line.name(),
+        grown.line.reading.frequency.0,
+        context.channel_name(x),
+        context.channel_name(y),
+        grown.ratio,
+    );
 }
 
 /// Which element a line accuses.

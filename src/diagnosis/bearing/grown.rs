@@ -1,0 +1,68 @@
+//! The source's bearing signature: a line in the absolute vibration that has grown over the baseline.
+//!
+//! Used where the envelope bands prove nothing: the absolute vibration also hears defects whose
+//! impacts excite no resonance. It needs a baseline, for a healthy bearing may show such a line too.
+
+use super::accept::Accepted;
+use crate::diagnosis::Context;
+use crate::diagnosis::confidence;
+use crate::diagnosis::severity;
+use crate::features::WindowFeatures;
+use crate::features::absolute;
+use crate::features::absolute::AbsoluteLine;
+use crate::features::bearing::DefectLine;
+use crate::machine::BearingIndex;
+use crate::units::Hz;
+
+/// Growth of the line's amplitude over the baseline that proves a defect: at least 180 was seen of a
+/// damaged bearing, and 5 is what other damage of the machine stays below.
+pub(super) const GROWN_RATIO: f64 = 5.0;
+
+/// Growth that counts as damaged: ten times that.
+const DAMAGED_RATIO: f64 = 50.0;
+
+/// A line that has grown.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Grown<'a> {
+    pub(super) line: &'a AbsoluteLine,
+    pub(super) ratio: f64,
+    pub(super) probability: f64,
+}
+
+impl Grown<'_> {
+    /// Severity of the growth.
+    pub(super) fn severity(&self) -> f64 {
+        severity::of_ratio(self.ratio, GROWN_RATIO, DAMAGED_RATIO)
+    }
+}
+
+/// The line of `bearing` that has grown most, if it stands over the noise *and* over the baseline,
+/// and no line accepted elsewhere explains it.
+pub(super) fn strongest<'a>(
+    bearing: BearingIndex,
+    features: &'a WindowFeatures,
+    context: &Context<'_>,
+    accepted: &[Accepted<'_>],
+) -> Option<Grown<'a>> {
+    let of_bearing: Vec<&AbsoluteLine> = features
+        .absolute_lines
+        .iter()
+        .filter(|l| l.bearing == bearing && l.line != DefectLine::Ftf)
+        .collect();
+    let looks = of_bearing.len() as f64;
+    let grown = of_bearing.into_iter().filter_map(|line| {
+        let channel = context.channel_name(line.pair.0);
+        let name = absolute::line_name(line.line, &context.machine.bearing(bearing).id);
+        let compared = context.baseline.compare(channel, &name, line.amplitude)?;
+        let over_noise = confidence::harmonic_tail(&line.reading.harmonics[0]?);
+        let over_baseline = confidence::normal_tail(compared.z());
+        // Both must hold, so the larger probability counts.
+        let probability = (looks * over_noise.max(over_baseline)).min(1.0);
+        Some(Grown { line, ratio: compared.ratio, probability })
+    });
+    let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
+    grown
+        .filter(|g| g.ratio >= GROWN_RATIO && g.probability <= confidence::FALSE_ALARM_PROBABILITY)
+        .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
+        .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))
+}
