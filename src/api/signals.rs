@@ -184,7 +184,8 @@ pub(super) async fn fetch(
     Ok(Run { info: info.clone(), waveform, validity })
 }
 
-/// Worst first: a failed source, then clipping, then too few samples.
+/// Worst first: a failed source, then clipping, then too few samples. A run that reaches back to
+/// the start of the stream is short, but has no gap.
 fn validity(
     view: &MachineView,
     info: &ChannelInfo,
@@ -200,7 +201,9 @@ fn validity(
         Validity::Stale
     } else if info.full_scale.is_some_and(is_clipped) {
         Validity::Clipped
-    } else if waveform.samples.len() < wanted || end.is_some_and(|end| held_end < end) {
+    } else if (waveform.samples.len() < wanted && waveform.start > 0)
+        || end.is_some_and(|end| held_end < end)
+    {
         Validity::Gap
     } else {
         Validity::Ok

@@ -223,7 +223,7 @@ impl SpectrumRequest {
                 samples.len()
             )));
         }
-        if samples.len() < self.n_window {
+        if samples.len() < self.n_window && waveform.start > 0 {
             validity = worse(validity, Validity::Gap);
         }
         let bins = self.bins(samples)?;
