@@ -5,9 +5,12 @@
 
 use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;
+use crate::features::Feature;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
+use crate::units::Unit;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Scatter (1σ of the logarithm) assumed when there are too few records to measure it.
 pub const ASSUMED_LOG_SCATTER: f64 = 0.2;
@@ -103,6 +106,19 @@ impl Baseline {
         let uses = self.records.iter().map(told).collect();
         let records = self.records.iter().filter(|r| fits(r)).cloned().collect();
         (Self { records, provisional: self.provisional }, uses)
+    }
+
+    /// Normalised CWT amplitude ratios R(f) of a channel, one a CWT amplitude that the baseline has
+    /// (docs/theory.md, J3): what trends and the API show beside the amplitudes.
+    #[must_use]
+    pub fn cwt_ratios(&self, channel: &str, features: &ChannelFeatures) -> Vec<Feature> {
+        let amplitudes = features.values.iter().filter(|f| f.name.contains("cwt_"));
+        let ratio = |feature: &Feature| {
+            let compared = self.compare(channel, &feature.name, feature.value)?;
+            let name = Arc::from(format!("{}_ratio", feature.name));
+            Some(Feature { name, value: compared.ratio, unit: Unit::One })
+        };
+        amplitudes.filter_map(ratio).collect()
     }
 
     /// Compares `value` of a channel's feature; `None` when no record has it or it is not positive.

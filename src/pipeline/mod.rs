@@ -262,9 +262,14 @@ impl Monitor {
         let mut diagnosis = summary::of_window(&self.machine.id, &judged);
         self.add_stream_facts(&mut diagnosis);
         let alarm_events = self.alarms.observe(&diagnosis, time_s.1);
+        let mut shown = features.channels.clone();
+        for channel in &mut shown {
+            let name = &self.channels[channel.channel.0].name;
+            channel.values.extend(baseline.cwt_ratios(name, channel));
+        }
         let outcome = Outcome {
             time_s,
-            features: features.channels.clone(),
+            features: shown,
             diagnosis: Arc::new(diagnosis),
             judged,
             alarm_events,

@@ -259,8 +259,10 @@ fn a_grown_line_of_the_absolute_vibration_names_the_inner_race() {
     let baseline = Baseline { records: vec![record], provisional: false };
     let same = run(0.0, &baseline).diagnosis;
     assert_eq!(same.components[0].state, State::Healthy, "{:?}", same.components[0]);
-    let damaged = run(0.3, &baseline).diagnosis;
-    let found = &damaged.components[0];
+    let damaged = run(0.3, &baseline);
+    let ratio = damaged.features[0].get("absolute_cwt_1x_main_ratio");
+    assert!(ratio.is_some_and(|r| r > 0.0), "the CWT ratio is among the features shown");
+    let found = &damaged.diagnosis.components[0];
     assert_eq!(found.fault, Some(FaultMode::InnerRace), "{found:?}");
     let line = found.evidence.iter().find(|e| e.indicator == "absolute_vibration_bpfi").unwrap();
     // |1 + 0.3 cos| swells by 0.3; the noise of 0.03 RMS an axis moves a line by 1e-3.
