@@ -42,11 +42,16 @@ const HANN_LOBE: f64 = 2.0;
 /// whitened bands: a Gaussian bin does so once in 8000 (Rayleigh).
 const WHITEN_CLIP: f64 = 3.0;
 
-/// One defect line at a window's speed.
+/// One defect line to look for at a window's speed.
+#[derive(Debug)]
 struct Target {
+    bearing: BearingIndex,
     line: DefectLine,
     expected: Hz,
+    shaft_speed: Hz,
     side_band_spacing: Hz,
+    /// Lines to keep clear of.
+    known: Vec<KnownLine>,
 }
 
 /// Reads bearing lines at one speed.
@@ -82,34 +87,25 @@ impl<'m> LineReader<'m> {
         let usable = bands::usable_band(sensor, rate);
         let mut searches = Vec::new();
         let mut pending: Vec<(usize, Target)> = Vec::new();
-        let mut fastest = Hz(0.0);
-        for bearing in self.bearings_heard_by(sensor) {
-            let Some(shaft_speed) =
-                self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first)
-            else {
-                continue;
-            };
-            for target in self.targets(bearing, shaft_speed) {
-                let known = self.known_lines(&target);
-                let blocked = unreadable(&target, &known, usable, shaft_speed, duration_s);
-                if blocked.is_none() {
-                    fastest = Hz(fastest.0.max(target.expected.0));
-                    pending.push((searches.len(), Target { ..target }));
-                }
-                searches.push(LineSearch {
-                    bearing,
-                    channel: heard.0,
-                    line: target.line,
-                    expected: target.expected,
-                    shaft_speed,
-                    resolution: Hz(HANN_LOBE / duration_s),
-                    sample_range: heard.2,
-                    outcome: blocked.map_or(Ok(Vec::new()), Err),
-                });
+        for target in self.targets(sensor) {
+            let blocked = target.unreadable(usable, duration_s);
+            let is_readable = blocked.is_none();
+            searches.push(LineSearch {
+                bearing: target.bearing,
+                channel: heard.0,
+                line: target.line,
+                expected: target.expected,
+                shaft_speed: target.shaft_speed,
+                resolution: Hz(HANN_LOBE / duration_s),
+                sample_range: heard.2,
+                outcome: blocked.map_or(Ok(Vec::new()), Err),
+            });
+            if is_readable {
+                pending.push((searches.len() - 1, target));
             }
         }
         if !pending.is_empty() {
-            self.read_bands((x_hat, n, rate), usable, fastest, &pending, &mut searches, cache);
+            self.read_bands((x_hat, n, rate), usable, &pending, &mut searches, cache);
         }
         searches
     }
@@ -119,7 +115,6 @@ impl<'m> LineReader<'m> {
         &mut self,
         (x_hat, n, rate): (&[Complex<f32>], usize, Hz),
         usable: (Hz, Hz),
-        fastest: Hz,
         pending: &[(usize, Target)],
         searches: &mut [LineSearch],
         cache: &mut FftCache<f32>,
@@ -128,8 +123,8 @@ impl<'m> LineReader<'m> {
         let mut whitened = vec![Complex::default(); x_hat.len()];
         let half_width = floor_index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
         WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
-        let known: Vec<_> = pending.iter().map(|(_, target)| self.known_lines(target)).collect();
-        let min_width = Hz(fastest.0 * MIN_WIDTH_PER_LINE);
+        let fastest = pending.iter().map(|(_, t)| t.expected.0).fold(0.0, f64::max);
+        let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
         for band in bands::demodulation_bands(usable, min_width) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
             let Some((depth, bin_hz, mean_square)) = depth_spectrum(source, n, rate, band, cache)
@@ -137,9 +132,9 @@ impl<'m> LineReader<'m> {
                 continue;
             };
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square };
-            for ((place, target), known) in pending.iter().zip(&known) {
+            for (place, target) in pending {
                 let search = &mut searches[*place];
-                let task = task(target, known, search.shaft_speed, duration_s);
+                let task = target.task(duration_s);
                 let reading = bearing::read_line(&spectrum, band, &task, &mut self.scratch);
                 if let (Ok(readings), Some(reading)) = (&mut search.outcome, reading) {
                     readings.push(reading);
@@ -177,30 +172,22 @@ impl<'m> LineReader<'m> {
         };
         let usable = bands::usable_band(sensor, rate);
         let mut found = Vec::new();
-        for bearing in self.bearings_heard_by(sensor) {
-            let Some(shaft_speed) =
-                self.machine.shaft_speed(self.machine.bearings[bearing.0].shaft, self.first)
-            else {
+        for target in self.targets(sensor) {
+            if target.unreadable(usable, duration_s).is_some() {
                 continue;
-            };
-            for target in self.targets(bearing, shaft_speed) {
-                let known = self.known_lines(&target);
-                if unreadable(&target, &known, usable, shaft_speed, duration_s).is_some() {
-                    continue;
-                }
-                let task = task(&target, &known, shaft_speed, duration_s);
-                if let Some((reading, amplitude, floor)) = spectrum.read(&task, &mut self.scratch) {
-                    found.push(AbsoluteLine {
-                        bearing,
-                        pair,
-                        line: target.line,
-                        expected: target.expected,
-                        amplitude,
-                        floor,
-                        reading,
-                        sample_range: range,
-                    });
-                }
+            }
+            let task = target.task(duration_s);
+            if let Some((reading, amplitude, floor)) = spectrum.read(&task, &mut self.scratch) {
+                found.push(AbsoluteLine {
+                    bearing: target.bearing,
+                    pair,
+                    line: target.line,
+                    expected: target.expected,
+                    amplitude,
+                    floor,
+                    reading,
+                    sample_range: range,
+                });
             }
         }
         found
@@ -226,99 +213,89 @@ impl<'m> LineReader<'m> {
         (0..self.machine.bearings.len()).filter(|b| near(*b)).map(BearingIndex).collect()
     }
 
-    /// The defect lines of a bearing at the window's speed; none without geometry.
-    fn targets(&self, bearing: BearingIndex, shaft_speed: Hz) -> Vec<Target> {
-        let Some(rates) = self.machine.bearings[bearing.0].fault_rates(shaft_speed) else {
-            return Vec::new();
-        };
-        let ftf = Hz(rates.ftf.0.abs());
-        DefectLine::ALL
-            .into_iter()
-            .map(|line| {
+    /// The defect lines of all bearings a sensor is asked about, at the window's speed; none of a
+    /// bearing without geometry.
+    fn targets(&self, sensor: &Sensor) -> Vec<Target> {
+        let mut targets = Vec::new();
+        for bearing in self.bearings_heard_by(sensor) {
+            let described = self.machine.bearing(bearing);
+            let speed = self.machine.shaft_speed(described.shaft, self.first);
+            let Some(shaft_speed) = speed else { continue };
+            let Some(rates) = described.fault_rates(shaft_speed) else { continue };
+            let ftf = Hz(rates.ftf.0.abs());
+            targets.extend(DefectLine::ALL.into_iter().map(|line| {
                 let (expected, side_band_spacing) = match line {
                     DefectLine::Bpfi => (rates.bpfi, shaft_speed),
                     DefectLine::Bpfo => (rates.bpfo, shaft_speed),
                     DefectLine::TwoBsf => (rates.two_bsf(), ftf),
                     DefectLine::Ftf => (ftf, shaft_speed),
                 };
-                Target { line, expected, side_band_spacing }
-            })
-            .collect()
+                let known = self.known_lines(expected);
+                Target { bearing, line, expected, shaft_speed, side_band_spacing, known }
+            }));
+        }
+        targets
     }
 
-    /// Lines of the machine below the highest harmonic of `target` that are no bearing defect.
-    fn known_lines(&self, target: &Target) -> Vec<KnownLine> {
-        let top = Hz(target.expected.0 * 1.1 * bearing::N_HARMONICS as f64);
+    /// Lines of the machine below the highest harmonic of `expected` that are no bearing defect.
+    fn known_lines(&self, expected: Hz) -> Vec<KnownLine> {
+        let top = Hz(expected.0 * 1.1 * bearing::N_HARMONICS as f64);
         let mut known = Vec::new();
         for shaft in &self.machine.shafts {
             let Some(ratio) = shaft.ratio_to_first else { continue };
-            let speed = self.first.0 * ratio;
-            let mut k = 1.0;
-            while speed > 0.0 && k * speed < top.0 && k <= 200.0 {
-                known.push(KnownLine {
-                    frequency: Hz(k * speed),
-                    label: format!("{k}× {}", shaft.id),
-                });
-                k += 1.0;
-            }
+            let harmonics = harmonics_below(Hz(self.first.0 * ratio), top).enumerate();
+            known.extend(harmonics.map(|(i, frequency)| KnownLine {
+                frequency,
+                label: format!("{}× {}", i + 1, shaft.id),
+            }));
         }
-        for line in mains_lines(self.machine, top) {
-            known.push(KnownLine { frequency: line, label: "mains".to_owned() });
-        }
+        let mains = mains_lines(self.machine, top).into_iter();
+        known.extend(mains.map(|frequency| KnownLine { frequency, label: "mains".to_owned() }));
         known
     }
+}
+
+impl Target {
+    /// Why this line cannot be read in a window of `duration_s`, if so.
+    fn unreadable(&self, usable: (Hz, Hz), duration_s: f64) -> Option<Unreadable> {
+        let (low, high) = usable;
+        let needed = Hz(low.0 + self.expected.0 * MIN_WIDTH_PER_LINE);
+        if high.0 < needed.0 {
+            return Some(Unreadable::TooSlow { usable: high, needed });
+        }
+        let needed_s = MIN_REVOLUTIONS / self.shaft_speed.0;
+        if duration_s < needed_s {
+            return Some(Unreadable::TooShort { needed_s });
+        }
+        bearing::coinciding(self.expected, &self.known, Hz(HANN_LOBE / duration_s))
+            .map(|line| Unreadable::Coincides { with: line.label.clone() })
+    }
+
+    fn task(&self, duration_s: f64) -> LineTask<'_> {
+        LineTask {
+            line: self.line,
+            expected: self.expected,
+            side_band_spacing: self.side_band_spacing,
+            known: &self.known,
+            resolution: Hz(HANN_LOBE / duration_s),
+            floor_half_width: Hz((0.8 * self.shaft_speed.0).max(25.0 / duration_s)),
+        }
+    }
+}
+
+/// Harmonics of `fundamental` below `top`, at most 200.
+fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
+    let turns = fundamental.0 > 0.0;
+    (1..=200_u32)
+        .map(move |k| Hz(f64::from(k) * fundamental.0))
+        .take_while(move |line| turns && line.0 < top.0)
 }
 
 /// Mains harmonics of the machine's motors below `top`.
 #[must_use]
 pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
-    let mut lines = Vec::new();
-    for motor in &machine.motors {
-        let Some(line) = motor.line_frequency.filter(|l| l.0 > 0.0) else { continue };
-        let mut k = 1.0;
-        while k * line.0 < top.0 && k <= 200.0 {
-            lines.push(Hz(k * line.0));
-            k += 1.0;
-        }
-    }
-    lines
-}
-
-/// Why a target cannot be read in a window, if so.
-fn unreadable(
-    target: &Target,
-    known: &[KnownLine],
-    usable: (Hz, Hz),
-    shaft_speed: Hz,
-    duration_s: f64,
-) -> Option<Unreadable> {
-    let needed = Hz(usable.0.0 + target.expected.0 * MIN_WIDTH_PER_LINE);
-    if usable.1.0 < needed.0 {
-        return Some(Unreadable::TooSlow { usable: usable.1, needed });
-    }
-    let needed_s = MIN_REVOLUTIONS / shaft_speed.0;
-    if duration_s < needed_s {
-        return Some(Unreadable::TooShort { needed_s });
-    }
-    let resolution = Hz(HANN_LOBE / duration_s);
-    bearing::coinciding(target.expected, known, resolution)
-        .map(|line| Unreadable::Coincides { with: line.label.clone() })
-}
-
-fn task<'a>(
-    target: &Target,
-    known: &'a [KnownLine],
-    shaft_speed: Hz,
-    duration_s: f64,
-) -> LineTask<'a> {
-    LineTask {
-        line: target.line,
-        expected: target.expected,
-        side_band_spacing: target.side_band_spacing,
-        known,
-        resolution: Hz(HANN_LOBE / duration_s),
-        floor_half_width: Hz((0.8 * shaft_speed.0).max(25.0 / duration_s)),
-    }
+    let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
+    supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
 }
 
 /// Modulation-depth spectrum of one band: depths, bin spacing, mean of the squared envelope.
