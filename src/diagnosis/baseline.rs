@@ -105,7 +105,8 @@ impl Baseline {
         (Self { records, provisional: self.provisional }, uses)
     }
 
-    /// Compares `value` of a channel's feature; `None` when no record has it or it is not positive.
+    /// Compares `value` of a channel's feature (C6); `None` when no record has it or it is not
+    /// positive.
     #[must_use]
     pub fn compare(&self, channel: &str, feature: &str, value: f64) -> Option<Comparison> {
         let key = (channel.to_owned(), feature.to_owned());
