@@ -58,7 +58,7 @@ fn a_wrong_equation_is_seen() {
     let rest = "**D9** b — `dsp::stats::Moments`\n";
     assert!(faults(&format!("{rest}**D1** a = b")).contains("D1 names no function"));
     assert!(faults(&format!("{rest}| D1 | a | `dsp::stats::Moments::off` |")).contains("`off`"));
-    assert!(faults(&format!("{rest}| D1 | a | `dsp::stat::of` |")).contains("dsp::stat::of"));
+    assert!(faults(&format!("{rest}| D1 | a | `stat::of` |")).contains("no such module"));
     let silent = faults(&format!("{rest}**D1** a — `dsp::stats::of`\n**D2** c — `dsp::stats::of`"));
     assert!(silent.contains("src/dsp/stats.rs does not name D2"), "{silent}");
 }
@@ -295,8 +295,9 @@ fn equation_faults(equations: &[Equation], sources: &[Source]) -> Vec<String> {
         for path in &equation.paths {
             match locate(path, sources) {
                 Err(why) => faults.push(format!("{number} ({path}): {why}")),
-                Ok(source) if !cited(source).contains(number) => {
-                    faults.push(format!("{} does not name {number}, {path} does it", source.place));
+                Ok(files) if !files.iter().any(|file| cited(file).contains(number)) => {
+                    let place = &files[0].place;
+                    faults.push(format!("{place} does not name {number}, {path} does it"));
                 }
                 Ok(_) => {}
             }
@@ -310,32 +311,33 @@ fn equation_faults(equations: &[Equation], sources: &[Source]) -> Vec<String> {
     faults
 }
 
-/// The file of `a::b::Type::function`, if it holds an item of each name left.
-fn locate<'a>(path: &str, sources: &'a [Source]) -> Result<&'a Source, String> {
+/// The files of the module of `a::b::Type::function`, if they define an item of each name left.
+fn locate<'a>(path: &str, sources: &'a [Source]) -> Result<Vec<&'a Source>, String> {
     let parts: Vec<&str> = path.split("::").collect();
-    let module = (1..parts.len()).rev().find_map(|n| {
-        let holds = |source: &&Source| {
-            let names: Vec<&str> = source.module.iter().map(String::as_str).collect();
-            names == parts[..n]
-        };
-        sources.iter().find(holds).map(|source| (n, source))
-    });
-    let (n, source) = module.ok_or_else(|| format!("no such module: {path}"))?;
-    for item in &parts[n..] {
-        let defines = |line: &str| {
-            ["fn ", "struct ", "enum ", "impl "].iter().any(|keyword| {
-                line.split(keyword).skip(1).any(|rest| {
-                    let rest = rest.trim_start_matches(|c: char| c == '<' || c == '\'');
-                    identifier(rest) == *item || rest.contains(&format!("> {item}"))
-                })
-            })
-        };
-        let is_code = |line: &&str| !line.trim_start().starts_with("//");
-        if !source.text.lines().filter(is_code).any(defines) {
-            return Err(format!("`{item}` is not defined in {}", source.place));
-        }
+    let files_of = |n: usize| -> Vec<&Source> {
+        let is_in = |source: &&Source| source.module.iter().take(n).eq(parts[..n].iter());
+        sources.iter().filter(|source| source.module.len() >= n).filter(is_in).collect()
+    };
+    let longest = (1..parts.len()).rev().map(|n| (n, files_of(n)));
+    let Some((n, files)) = longest.into_iter().find(|(_, files)| !files.is_empty()) else {
+        return Err("no such module".to_owned());
+    };
+    match parts[n..].iter().find(|item| !files.iter().any(|file| defines(file, item))) {
+        Some(item) => Err(format!("`{item}` is not defined in {}", parts[..n].join("::"))),
+        None => Ok(files),
     }
-    Ok(source)
+}
+
+/// Whether a file holds a function or type, or its methods.
+fn defines(source: &Source, item: &str) -> bool {
+    let of = |line: &str| {
+        ["fn ", "struct ", "enum ", "impl "].iter().any(|keyword| {
+            line.split(keyword)
+                .skip(1)
+                .any(|rest| identifier(rest) == item || rest.contains(&format!("> {item}")))
+        })
+    };
+    source.text.lines().filter(|line| !line.trim_start().starts_with("//")).any(of)
 }
 
 /// Equations that the comments of a file name: `D9`, `(D9, D10)`, `K2–K5`.
