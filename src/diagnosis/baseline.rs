@@ -1,7 +1,8 @@
 //! What is normal for this machine: reference features of healthy records, and the test against them.
 //!
 //! Learned only on request, from records a person calls healthy (or, named as provisional, from the
-//! first segments of a run). A ratio is judged in logarithms against the scatter between records.
+//! first segments of a run). A ratio is judged in logarithms against the scatter between records
+//! (C6).
 
 use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;
@@ -105,8 +106,7 @@ impl Baseline {
         (Self { records, provisional: self.provisional }, uses)
     }
 
-    /// Compares `value` of a channel's feature (C6); `None` when no record has it or it is not
-    /// positive.
+    /// Compares `value` of a channel's feature; `None` when no record has it or it is not positive.
     #[must_use]
     pub fn compare(&self, channel: &str, feature: &str, value: f64) -> Option<Comparison> {
         let key = (channel.to_owned(), feature.to_owned());
