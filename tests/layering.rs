@@ -1,11 +1,15 @@
 //! The direction of dependency, as a test.
 //!
 //! Every file or folder directly under `src/` is a module with a line in `MAY_USE`. Core modules
-//! may not name the outside world. Write one `use crate::module::…` per module.
+//! may not name the outside world, and a few things may be named in one place only. Write one
+//! `use crate::module::…` per module. Each rule is a function of a file, so that a second test can
+//! hand it a file that breaks the rule.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
 
-use std::{fs, path::Path};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 
 /// Each module, bottom up, with the modules it may use.
 const MAY_USE: &[(&str, &[&str])] = &[
@@ -51,34 +55,178 @@ const CORE: &[&str] =
     &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms", "pipeline"];
 
 /// What a core module may not mention.
-const OUTSIDE: &[&str] =
-    &["tokio", "axum", "hdf5", "std::fs", "std::net", "std::env", "Instant::now", "SystemTime"];
+const OUTSIDE: &[&str] = &[
+    "tokio",
+    "axum",
+    "hdf5",
+    "std::fs",
+    "std::net",
+    "std::env",
+    "std::thread",
+    "std::process",
+    "Instant::now",
+    "SystemTime",
+    "Serialize",
+];
+
+/// Words that only some places may use, and those places: a module, or a file of it.
+const ONLY_IN: &[(&str, &[&str])] = &[
+    ("::hdf5", &["src/capture/hdf5.rs"]),
+    ("rust_hdf5", &["src/capture/hdf5.rs"]),
+    ("Serialize", &["src/api/wire/"]),
+    ("Instant::now", &["src/app/", "src/bench/", "src/cli/"]),
+    ("SystemTime::now", &["src/app/", "src/bench/", "src/cli/"]),
+    ("Timestamp::now", &["src/app/", "src/bench/", "src/cli/"]),
+    ("thread::spawn", &["src/app/", "src/bench/", "src/cli/"]),
+    ("thread::Builder", &["src/app/", "src/bench/", "src/cli/"]),
+    ("tokio::spawn", &["src/app/"]),
+    ("anyhow", &[]),
+];
+
+/// One source file: its module directly under `src/`, its path with `/`, its text.
+struct Source {
+    module: String,
+    place: String,
+    text: String,
+}
+
+impl Source {
+    /// Lines of code with their numbers: no comments, and no unit tests, which end a file.
+    fn code(&self) -> impl Iterator<Item = (usize, &str)> {
+        let is_test_file = ["tests.rs", "support.rs"].iter().any(|end| self.place.ends_with(end))
+            || self.place.contains("/tests/");
+        let lines = self.text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+        lines
+            .take_while(move |(_, line)| !is_test_file && *line != "#[cfg(test)]")
+            .filter(|(_, line)| !line.starts_with("//"))
+    }
+}
 
 #[test]
 fn modules_depend_downwards_only() {
+    assert_none(&sources().iter().flat_map(arrow_faults).collect::<Vec<_>>());
+}
+
+#[test]
+fn what_has_one_place_is_named_there_only() {
+    let sources = sources();
+    assert_none(&sources.iter().flat_map(place_faults).collect::<Vec<_>>());
+    for (word, places) in ONLY_IN.iter().filter(|(_, places)| !places.is_empty()) {
+        let at_home = |s: &&Source| places.iter().any(|place| s.place.starts_with(place));
+        let is_named = |s: &Source| s.text.contains(word);
+        let others = ["rust_hdf5", "Timestamp::now", "thread::spawn", "tokio::spawn"];
+        assert!(
+            others.contains(word) || sources.iter().filter(at_home).any(is_named),
+            "the rule on `{word}` guards nothing"
+        );
+    }
+}
+
+#[test]
+fn the_table_is_in_reading_order() {
+    let lib = fs::read_to_string("src/lib.rs").unwrap();
+    let modules: Vec<&str> =
+        lib.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';')).collect();
+    let table: Vec<&str> = MAY_USE.iter().map(|(name, _)| *name).collect();
+    assert_eq!(modules.iter().collect::<BTreeSet<_>>(), table.iter().collect::<BTreeSet<_>>());
+    let mut above = BTreeSet::new();
+    for (name, uses) in MAY_USE {
+        let upwards: Vec<_> = uses.iter().filter(|u| **u != "*" && !above.contains(*u)).collect();
+        assert!(upwards.is_empty(), "`{name}` stands before {upwards:?}");
+        above.insert(name);
+    }
+    for (name, uses) in MAY_USE.iter().filter(|(name, _)| CORE.contains(name)) {
+        let outside: Vec<_> = uses.iter().filter(|used| !CORE.contains(used)).collect();
+        assert!(outside.is_empty(), "core module `{name}` may use {outside:?}");
+    }
+    let n_core = modules.iter().take_while(|name| CORE.contains(name)).count();
+    assert_eq!(n_core, CORE.len(), "the core stands first in src/lib.rs");
+}
+
+#[test]
+fn a_breach_of_each_rule_is_seen() {
+    let source = |place: &str, text: &str| Source {
+        module: place.split('/').nth(1).unwrap().trim_end_matches(".rs").to_owned(),
+        place: place.to_owned(),
+        text: text.to_owned(),
+    };
+    let arrow = |place: &str, text: &str| arrow_faults(&source(place, text)).len();
+    assert_eq!(arrow("src/dsp/mod.rs", "use crate::signal::Block;"), 0);
+    assert_eq!(arrow("src/dsp/mod.rs", "// use crate::machine::Machine;"), 0);
+    assert_eq!(arrow("src/dsp/mod.rs", "use crate::machine::Machine;"), 1);
+    assert_eq!(arrow("src/dsp/mod.rs", "let m = crate::api::x();"), 1);
+    assert_eq!(arrow("src/dsp/mod.rs", "use crate::{signal, machine};"), 1, "groups hide names");
+    assert_eq!(arrow("src/unheard_of.rs", ""), 1);
+    assert_eq!(arrow("src/alarms/mod.rs", "let t = std::time::SystemTime::now();"), 1);
+    assert_eq!(arrow("src/alarms/mod.rs", "std::thread::sleep(s);"), 1);
+    let place = |place: &str, text: &str| place_faults(&source(place, text)).len();
+    assert_eq!(place("src/capture/hdf5.rs", "use ::hdf5::H5File;"), 0);
+    assert_eq!(place("src/capture/root.rs", "use ::hdf5::H5File;"), 1);
+    assert_eq!(place("src/capture/root.rs", "use super::hdf5::File;"), 0);
+    assert_eq!(place("src/ingest/replay.rs", "use hdf5::File;"), 1);
+    assert_eq!(place("src/diagnosis/verdict.rs", "#[derive(Serialize)]"), 1);
+    assert_eq!(place("src/api/wire/alarms.rs", "#[derive(Serialize)]"), 0);
+    assert_eq!(place("src/api/view.rs", "let now = Instant::now();"), 1);
+    assert_eq!(place("src/ingest/replay.rs", "thread::spawn(run);"), 1);
+    assert_eq!(place("src/ingest/replay.rs", "#[cfg(test)]\nthread::spawn(run);"), 0);
+}
+
+/// Uses of modules that stand higher, and core modules that name the outside world.
+fn arrow_faults(source: &Source) -> Vec<String> {
+    let Source { module, place, .. } = source;
+    if module == "lib" || module == "main" {
+        return Vec::new();
+    }
+    let Some((_, allowed)) = MAY_USE.iter().find(|(name, _)| name == module) else {
+        return vec![format!("{place}: module `{module}` has no line in MAY_USE")];
+    };
     let mut faults = Vec::new();
-    for_each_source(Path::new("src"), &mut |module, path, text| {
-        if module == "lib" || module == "main" {
-            return;
-        }
-        let Some((_, allowed)) = MAY_USE.iter().find(|(name, _)| *name == module) else {
-            faults.push(format!("{path}: module `{module}` has no line in MAY_USE"));
-            return;
-        };
-        for line in text.lines().map(str::trim).filter(|line| !line.starts_with("//")) {
-            for used in line.match_indices("crate::").map(|(at, _)| ident_at(&line[at + 7..])) {
-                let known = used == module || allowed.contains(&used) || allowed.contains(&"*");
-                if !known {
-                    faults.push(format!("{path}: `{module}` may not use `{used}`"));
-                }
-            }
-            for word in OUTSIDE.iter().filter(|word| line.contains(**word)) {
-                if CORE.contains(&module) {
-                    faults.push(format!("{path}: core may not mention `{word}`"));
-                }
+    // Unit tests, too, may use only what their module may.
+    let lines = source.text.lines().map(str::trim).filter(|line| !line.starts_with("//"));
+    for line in lines {
+        for used in line.match_indices("crate::").map(|(at, _)| ident_at(&line[at + 7..])) {
+            let known = used == module || allowed.contains(&used) || allowed.contains(&"*");
+            if !known {
+                faults.push(format!("{place}: `{module}` may not use `{used}`"));
             }
         }
-    });
+        let is_core = CORE.contains(&module.as_str());
+        for word in OUTSIDE.iter().filter(|word| is_core && line.contains(**word)) {
+            faults.push(format!("{place}: core may not mention `{word}`"));
+        }
+    }
+    faults
+}
+
+/// Words out of their place.
+fn place_faults(source: &Source) -> Vec<String> {
+    let place = &source.place;
+    let mut faults = Vec::new();
+    for (n, line) in source.code() {
+        for (word, places) in ONLY_IN {
+            let is_home = places.iter().any(|home| place.starts_with(home));
+            if !is_home && names(line, word) {
+                faults.push(format!("{place}:{n}: `{word}` only in {places:?}"));
+            }
+        }
+        if line.starts_with("use hdf5::") && !place.starts_with("src/capture/") {
+            faults.push(format!("{place}:{n}: the HDF5 library only in src/capture/hdf5.rs"));
+        }
+    }
+    faults
+}
+
+/// Whether a line holds the word, not as a part of a longer path or name.
+fn names(line: &str, word: &str) -> bool {
+    line.match_indices(word).any(|(at, _)| {
+        let before = line[..at].chars().next_back();
+        let after = line[at + word.len()..].chars().next();
+        let joined = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+        !joined(before) && !joined(after)
+    })
+}
+
+fn assert_none(faults: &[String]) {
     assert!(faults.is_empty(), "\n{}", faults.join("\n"));
 }
 
@@ -87,15 +235,21 @@ fn ident_at(text: &str) -> &str {
     &text[..end]
 }
 
-fn for_each_source(dir: &Path, visit: &mut dyn FnMut(&str, &str, &str)) {
-    for entry in fs::read_dir(dir).unwrap() {
-        let path = entry.unwrap().path();
+fn sources() -> Vec<Source> {
+    let mut waiting = vec![Path::new("src").to_owned()];
+    let mut found = Vec::new();
+    while let Some(path) = waiting.pop() {
         if path.is_dir() {
-            for_each_source(&path, visit);
-        } else if path.extension().is_some_and(|ext| ext == "rs") {
-            let module = path.components().nth(1).unwrap().as_os_str().to_str().unwrap();
-            let text = fs::read_to_string(&path).unwrap();
-            visit(module.trim_end_matches(".rs"), &path.display().to_string(), &text);
+            waiting.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let parts: Vec<&str> = path.iter().map(|part| part.to_str().unwrap()).collect();
+            found.push(Source {
+                module: parts[1].trim_end_matches(".rs").to_owned(),
+                place: parts.join("/"),
+                text: fs::read_to_string(&path).unwrap(),
+            });
         }
     }
+    assert!(found.len() > 50, "only {} files under src", found.len());
+    found
 }

@@ -1,7 +1,8 @@
 //! What is normal for this machine: reference features of healthy records, and the test against them.
 //!
 //! Learned only on request, from records a person calls healthy (or, named as provisional, from the
-//! first segments of a run). A ratio is judged in logarithms against the scatter between records.
+//! first segments of a run). A ratio is judged in logarithms against the scatter between records
+//! (C6).
 
 use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;

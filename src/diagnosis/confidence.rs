@@ -52,7 +52,7 @@ pub fn combine(probabilities: &[f64]) -> f64 {
     }
 }
 
-/// Probability that a standard normal exceeds `z` (one-sided); an upper bound by Mills' ratio above
+/// Probability that a standard normal exceeds `z` (C7), one-sided; an upper bound by Mills' ratio above
 /// z = 1, else ½ as the cautious answer.
 #[must_use]
 pub fn normal_tail(z: f64) -> f64 {

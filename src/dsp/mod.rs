@@ -9,7 +9,7 @@
 //! caller's duty), frequencies are in Hz, amplitudes zero-to-peak, moments population moments
 //! (1/N) with the mean removed, phase is lag (A·cos(θ − φ)). A zero denominator gives `None`, never
 //! 0 or ∞. A slice whose length does not fit its plan is a fault of the caller and panics. Equation
-//! numbers D1… refer to `docs/theory-dsp.md`.
+//! numbers D1… refer to `docs/theory.md`.
 //!
 //! Must not know machines, sensors, baselines or thresholds: only rates, frequencies and lengths.
 

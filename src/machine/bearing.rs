@@ -2,7 +2,7 @@
 //!
 //! The formulas hold for rolling without slip; a loaded bearing runs up to about 2 % beside them,
 //! which is for the reader of a spectrum to search, not for this module to guess.
-//! Equations K1–K7 of `docs/theory-kinematics.md`.
+//! Equations K1–K7 of `docs/theory.md`.
 
 use super::ShaftIndex;
 use crate::units::Hz;

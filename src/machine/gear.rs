@@ -1,6 +1,6 @@
 //! Gear meshes.
 //!
-//! Equations K8–K11 of `docs/theory-kinematics.md`.
+//! Equations K8–K11 of `docs/theory.md`.
 
 use super::ShaftIndex;
 use crate::units::Hz;

@@ -1,6 +1,6 @@
 //! Electric motors: the source of lines that are no faults.
 //!
-//! Equations K12–K13 of `docs/theory-kinematics.md`.
+//! Equations K12–K13 of `docs/theory.md`.
 
 use super::ShaftIndex;
 use crate::units::Hz;

@@ -2,7 +2,7 @@
 //!
 //! Every stated ratio and every gear is a link; links join shafts into groups that turn together.
 //! Where several paths join two shafts they must agree. Equation K8 of
-//! `docs/theory-kinematics.md`. Must not know of files: it reports conflicts by link number.
+//! `docs/theory.md`. Must not know of files: it reports conflicts by link number.
 
 use super::ShaftIndex;
 use crate::units::Hz;

@@ -2,7 +2,7 @@
 //!
 //! (Machine, speed of the first shaft) to [`FrequencyTable`]: shaft harmonics, bearing rates, mesh
 //! lines and the lines of the supply. The table says where lines may stand, never whether one does:
-//! it must not know signals or faults. Equations K2–K14 of `docs/theory-kinematics.md`.
+//! it must not know signals or faults. Equations K2–K14 of `docs/theory.md`.
 
 pub mod line;
 pub mod coincidence;
