@@ -12,3 +12,4 @@ mod damaged_bearing;
 mod gaps;
 mod neighbours;
 mod rubbish;
+mod recordings;
