@@ -33,12 +33,13 @@ impl ReadReport {
         self.samples_not_finite
     }
 
-    /// Why samples were left out, one text per reason that occurred.
+    /// Why samples were left out, one text per reason that occurred, without a count: the same
+    /// reason has the same text whenever it is asked for.
     #[must_use]
     pub fn reasons(&self) -> Vec<String> {
         match self.samples_not_finite {
             0 => Vec::new(),
-            count => vec![format!("{count} samples are not finite numbers")],
+            _ => vec!["not finite numbers".to_owned()],
         }
     }
 }

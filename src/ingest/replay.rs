@@ -3,6 +3,7 @@
 use super::interleave::Interleaver;
 use crate::capture::error::CaptureError;
 use crate::capture::reader::CaptureReader;
+use crate::capture::reader::ReadReport;
 use crate::machine::Machine;
 use crate::signal::Block;
 use crate::signal::ChannelInfo;
@@ -135,20 +136,27 @@ pub fn open(file: &Path, machine: &Machine) -> Result<Stream, ReplayError> {
     };
     let file = file.to_owned();
     let mut told = 0;
-    let next = move || match reader.next_block() {
-        Ok(Some(block)) => Ok(Step::Block(block)),
-        Ok(None) => {
-            let report = reader.report();
-            let n_samples = report.samples_rejected() - told;
-            told += n_samples;
-            if n_samples == 0 {
-                return Ok(Step::End);
-            }
-            Ok(Step::Rejected { n_samples, reason: report.reasons().join("; ") })
+    let next = move || {
+        // Losses are told as soon as they are known, so that the next verdict can name them.
+        if let Some(step) = newly_rejected(&reader.report(), &mut told) {
+            return Ok(step);
         }
-        Err(source) => Err(ReplayError::Read { file: file.clone(), source: Box::new(source) }),
+        match reader.next_block() {
+            Ok(Some(block)) => Ok(Step::Block(block)),
+            // The last samples may have been among them.
+            Ok(None) => Ok(newly_rejected(&reader.report(), &mut told).unwrap_or(Step::End)),
+            Err(source) => Err(ReplayError::Read { file: file.clone(), source: Box::new(source) }),
+        }
     };
     Ok(Stream { info, next: Box::new(next) })
+}
+
+/// The step that tells of samples rejected beyond the `told` ones, if there are any.
+fn newly_rejected(report: &ReadReport, told: &mut u64) -> Option<Step> {
+    let n_samples = report.samples_rejected() - *told;
+    *told += n_samples;
+    let reason = || report.reasons().join("; ");
+    (n_samples > 0).then(|| Step::Rejected { n_samples, reason: reason() })
 }
 
 /// Plays a capture until its end, an error or a stop.

@@ -4,6 +4,12 @@
 #![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 
 mod support;
+mod scene;
 mod command_line;
 mod replay;
 mod shutdown;
+mod damaged_bearing;
+mod gaps;
+mod neighbours;
+mod rubbish;
+mod recordings;

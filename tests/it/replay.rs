@@ -18,11 +18,6 @@ fn folder(source: &str) -> TempDir {
     dir
 }
 
-fn source_of(daemon: &Daemon) -> String {
-    let (_, machines) = daemon.get_json("/api/v1/machines");
-    machines["items"][0]["source"].as_str().unwrap().to_owned()
-}
-
 fn channel(daemon: &Daemon) -> Value {
     daemon.get_json("/api/v1/machines/rig-1/channels").1["items"][0].clone()
 }
@@ -30,9 +25,7 @@ fn channel(daemon: &Daemon) -> Value {
 #[test]
 fn a_finished_replay_keeps_serving_every_sample() {
     let daemon = Daemon::start_in(folder("speed = \"max\"\n"));
-    support::wait_until("the end of the replay", || {
-        (source_of(&daemon) == "finished").then_some(())
-    });
+    daemon.wait_finished("rig-1");
     let shown = channel(&daemon);
     assert_eq!(shown["received"], N_SAMPLES, "{shown}");
     assert_eq!((&shown["missing"], &shown["duplicated"]), (&0.into(), &0.into()), "{shown}");
@@ -54,6 +47,16 @@ fn a_signal_ends_a_replay_that_waits_for_its_time() {
     let daemon = Daemon::start_in(folder("speed = 0.01\n"));
     assert_eq!(daemon.get_text("/livez").0, 200);
     assert_eq!(daemon.terminate().status.code(), Some(0));
+}
+
+#[test]
+fn a_signal_ends_a_replay_under_way() {
+    let daemon = Daemon::start_in(folder("speed = 1\n"));
+    support::wait_until("the first samples", || {
+        (channel(&daemon)["received"].as_u64()? > 0).then_some(())
+    });
+    let ended = daemon.terminate();
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
 }
 
 #[test]

@@ -8,6 +8,9 @@ use std::fs;
 use std::io::BufRead;
 use std::io::BufReader;
 use std::io::Read;
+use std::io::Write;
+use std::net::Shutdown;
+use std::net::TcpStream;
 use std::process::Child;
 use std::process::Command;
 use std::process::ExitStatus;
@@ -52,7 +55,7 @@ pub(crate) struct Daemon {
     /// The process.
     pub(crate) child: Child,
     /// Its folder, with the configuration as `serve.toml`.
-    #[allow(dead_code, reason = "the tests of the API use it")]
+    #[expect(dead_code, reason = "held so that the folder lives as long as the daemon")]
     pub(crate) dir: TempDir,
     /// Ends with the process.
     stderr: Option<thread::JoinHandle<String>>,
@@ -165,13 +168,59 @@ impl Daemon {
     }
 
     /// Status and document of a `POST`, whatever the status.
-    #[allow(dead_code, reason = "the tests of the API use it")]
     pub(crate) fn post_json(&self, path: &str, body: &Value) -> (u16, Value) {
         let url = format!("{}{path}", self.base_url);
         let mut response = agent().post(url).send_json(body).unwrap();
         let text = response.body_mut().read_to_string().unwrap();
         let status = response.status().as_u16();
         (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))
+    }
+
+    /// Status, headers `names` and bytes of a `GET` of binary content.
+    pub(crate) fn get_binary(&self, path: &str, names: &[&str]) -> (u16, Vec<String>, Vec<u8>) {
+        let request = agent().get(format!("{}{path}", self.base_url));
+        let mut response = request.header("accept", "application/octet-stream").call().unwrap();
+        let header = |name: &&str| {
+            response.headers().get(*name).map_or("", |value| value.to_str().unwrap()).to_owned()
+        };
+        let headers = names.iter().map(header).collect();
+        (response.status().as_u16(), headers, response.body_mut().read_to_vec().unwrap())
+    }
+
+    /// Value of a sample in `/metrics`, by name and labels as written there.
+    pub(crate) fn metric(&self, sample: &str) -> Option<f64> {
+        let (_, text) = self.get_text("/metrics");
+        let value = text.lines().find_map(|line| line.strip_prefix(sample)?.strip_prefix(' '));
+        value.map(|value| value.parse().unwrap())
+    }
+
+    /// How the source of a machine is doing.
+    pub(crate) fn source_of(&self, machine: &str) -> String {
+        let (_, machines) = self.get_json("/api/v1/machines");
+        let items = machines["items"].as_array().unwrap();
+        let item = items.iter().find(|item| item["id"] == machine).unwrap();
+        item["source"].as_str().unwrap().to_owned()
+    }
+
+    /// Waits until the replay of a machine has come to its end.
+    pub(crate) fn wait_finished(&self, machine: &str) {
+        wait_until("the end of the replay", || {
+            let source = self.source_of(machine);
+            assert!(!source.starts_with("failed"), "{source}");
+            (source == "finished").then_some(())
+        });
+    }
+
+    /// Sends bytes and then nothing more; gives what comes back, nothing if the daemon hangs up.
+    pub(crate) fn send_raw(&self, bytes: &[u8]) -> Vec<u8> {
+        let mut stream =
+            TcpStream::connect(self.base_url.strip_prefix("http://").unwrap()).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        // A refusal may come, and the connection be cut, before everything is sent.
+        let _cut = stream.write_all(bytes).and_then(|()| stream.shutdown(Shutdown::Write));
+        let mut answer = Vec::new();
+        let _cut = stream.read_to_end(&mut answer);
+        answer
     }
 
     /// Sends a signal, such as `TERM`.

@@ -1,0 +1,285 @@
+//! Verdicts on recordings of real machines, against what is known of them.
+//!
+//! The recordings are no part of the project: `ROTORWATCH_DATA` names their folder, with `truth.csv`,
+//! `machines/<dataset>.toml` and the captures. Without it these tests skip themselves.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
+#![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
+
+use rotorwatch::diagnosis::baseline::Baseline;
+use rotorwatch::diagnosis::fault::ComponentKind;
+use rotorwatch::diagnosis::fault::FaultMode;
+use rotorwatch::diagnosis::fault::State;
+use rotorwatch::diagnosis::verdict::ComponentDiagnosis;
+use rotorwatch::diagnosis::verdict::Diagnosis;
+use rotorwatch::machine::file;
+use rotorwatch::offline;
+use rotorwatch::offline::Reference;
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Must name this fault on this component, and nothing else.
+const MUST_BE_RIGHT: [&str; 8] = [
+    "cwru/105_12k_Drive_End_IR007_0.h5",
+    "cwru/130_12k_Drive_End_OR007at6_0.h5",
+    "cwru/278_12k_Fan_End_IR007_0.h5",
+    "mfpt/InnerRaceFault_vload_3.h5",
+    "mfpt/OuterRaceFault_vload_3.h5",
+    "hitsm/self_OR2_900.h5",
+    "adi_mfs/1800-HIR-GS-BaLo-WA-11lb.h5",
+    "paderborn/N15_M07_F10_KA04_1.h5",
+];
+
+/// Must be healthy as a whole, bearings included.
+const MUST_BE_HEALTHY: [&str; 4] = [
+    "cwru/097_normal_0.h5",
+    "hitsm/self_Normal_900.h5",
+    "paderborn/N15_M07_F10_K001_1.h5",
+    "adi_mfs/1800-GoB-GS-BaLo-WA-11lb.h5",
+];
+
+/// A row of `truth.csv`.
+#[derive(Debug, Clone)]
+struct Row {
+    file: String,
+    dataset: String,
+    label: String,
+    component: String,
+    baseline: Vec<String>,
+    acceptable: Vec<String>,
+}
+
+/// How a verdict compares with the truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Score {
+    Right,
+    Detected,
+    Undetermined,
+    Missed,
+    WrongCause,
+    FalseAlarm,
+    /// Run to failure: scored by when the alarm comes.
+    Dated,
+}
+
+impl Score {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Right => "right",
+            Self::Detected => "detected",
+            Self::Undetermined => "undetermined",
+            Self::Missed => "missed",
+            Self::WrongCause => "WRONG CAUSE",
+            Self::FalseAlarm => "FALSE ALARM",
+            Self::Dated => "dated",
+        }
+    }
+}
+
+/// The folder of the recordings, or why the test skips itself.
+fn data(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("ROTORWATCH_DATA").map(PathBuf::from);
+    if folder.is_none() {
+        println!("SKIPPED {test}: ROTORWATCH_DATA does not name the real recordings");
+    }
+    folder
+}
+
+fn truth(data: &Path) -> Vec<Row> {
+    let text = fs::read_to_string(data.join("truth.csv")).unwrap();
+    let mut lines = text.lines();
+    let names = fields(lines.next().unwrap());
+    let list = |text: &str| -> Vec<String> {
+        text.split(';').filter(|t| !t.is_empty()).map(str::to_owned).collect()
+    };
+    lines
+        .map(|line| {
+            let values = fields(line);
+            let field = |name: &str| values[names.iter().position(|n| n == name).unwrap()].clone();
+            Row {
+                file: field("file"),
+                dataset: field("dataset"),
+                label: field("label"),
+                component: field("component"),
+                baseline: list(&field("baseline")),
+                acceptable: list(&field("acceptable")),
+            }
+        })
+        .collect()
+}
+
+/// Splits a line of CSV; a field in quotes may hold commas.
+fn fields(line: &str) -> Vec<String> {
+    let (mut fields, mut quoted) = (vec![String::new()], false);
+    for character in line.chars() {
+        match character {
+            '"' => quoted = !quoted,
+            ',' if !quoted => fields.push(String::new()),
+            other => fields.last_mut().unwrap().push(other),
+        }
+    }
+    fields
+}
+
+/// Diagnoses a capture of a data set by nothing but its samples and attributes.
+fn diagnose(data: &Path, row: &Row, capture: &Path) -> Diagnosis {
+    let machine_file = data.join("machines").join(format!("{}.toml", row.dataset));
+    let text = fs::read_to_string(&machine_file).unwrap();
+    let machine = file::parse(&text, &row.dataset).unwrap();
+    let mut reference = Reference { machine: Some(Arc::new(machine)), ..Reference::default() };
+    let learn = |file: &String| offline::learn(&data.join(file), &reference, &mut |_| ()).unwrap();
+    let records = row.baseline.iter().map(learn).collect();
+    reference.baseline = Baseline { records, provisional: false };
+    offline::diagnose(capture, &reference, &mut |_| ()).unwrap()
+}
+
+fn fault_of(label: &str) -> Option<FaultMode> {
+    Some(match label {
+        "inner_race" => FaultMode::InnerRace,
+        "outer_race" => FaultMode::OuterRace,
+        "ball" => FaultMode::RollingElement,
+        "cage" => FaultMode::Cage,
+        "bow" => FaultMode::Bow,
+        "unbalance" => FaultMode::Unbalance,
+        "misalignment" => FaultMode::Misalignment,
+        "looseness" => FaultMode::Looseness,
+        "gear_tooth_broken" => FaultMode::ToothDamage,
+        "healthy" | "run_to_failure" => return None,
+        unknown => panic!("label {unknown:?} of truth.csv is not known here"),
+    })
+}
+
+/// Sensor faults do not count.
+fn scored(diagnosis: &Diagnosis) -> impl Iterator<Item = &ComponentDiagnosis> {
+    diagnosis.components.iter().filter(|c| c.kind != ComponentKind::Sensor)
+}
+
+fn score(row: &Row, diagnosis: &Diagnosis) -> Score {
+    if row.label == "run_to_failure" {
+        return Score::Dated;
+    }
+    let accused: Vec<_> = scored(diagnosis).filter(|c| c.state.is_accusation()).collect();
+    let Some(fault) = fault_of(&row.label) else {
+        return if accused.is_empty() { Score::Right } else { Score::FalseAlarm };
+    };
+    let is_place = |c: &ComponentDiagnosis| row.component.is_empty() || c.id == row.component;
+    let names_no_cause = |c: &ComponentDiagnosis| match c.fault {
+        None => is_place(c),
+        Some(named) => named == FaultMode::AbnormalLevel,
+    };
+    let is_right = |c: &ComponentDiagnosis| c.fault == Some(fault) && is_place(c);
+    if accused.iter().any(|c| !is_right(c) && !names_no_cause(c)) {
+        Score::WrongCause
+    } else if accused.iter().any(|c| is_right(c)) {
+        Score::Right
+    } else if !accused.is_empty() {
+        Score::Detected
+    } else if scored(diagnosis).any(|c| is_place(c) && c.state == State::Undetermined) {
+        Score::Undetermined
+    } else {
+        Score::Missed
+    }
+}
+
+/// What is said of each component, for the table.
+struct Verdicts<'d>(&'d Diagnosis);
+
+impl fmt::Display for Verdicts<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:", self.0.state.name())?;
+        for component in scored(self.0) {
+            let fault = component.fault.map_or("", FaultMode::name);
+            write!(f, " {}={}", component.id, component.state.name())?;
+            if component.state.is_accusation() {
+                let severity = component.severity.unwrap_or(f64::NAN);
+                let confidence = component.confidence.unwrap_or(f64::NAN);
+                write!(f, "({fault} {severity:.2} at {confidence:.2})")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[test]
+#[ignore = "needs the real recordings: set ROTORWATCH_DATA"]
+fn causes_are_right_or_not_named() {
+    let Some(data) = data("causes_are_right_or_not_named") else { return };
+    let rows = truth(&data);
+    let (mut mistakes, mut seen) = (Vec::new(), Vec::new());
+    for row in &rows {
+        let diagnosis = diagnose(&data, row, &data.join(&row.file));
+        let score = score(row, &diagnosis);
+        let accepted = row.acceptable.iter().any(|name| name == score.name());
+        let remark = if score == Score::Right || score == Score::Dated {
+            ""
+        } else if accepted {
+            " (acceptable)"
+        } else {
+            " (open)"
+        };
+        println!("{:<52} {:<17} {}{remark}", row.file, row.label, score.name());
+        println!("{:<52} {}", "", Verdicts(&diagnosis));
+        let file = row.file.as_str();
+        seen.push(file.to_owned());
+        let why: Vec<String> = scored(&diagnosis).map(|c| format!("{}: {}", c.id, c.why)).collect();
+        if matches!(score, Score::WrongCause | Score::FalseAlarm) {
+            mistakes.push(format!("{file}: {}: {why:#?}", score.name()));
+        }
+        if MUST_BE_RIGHT.contains(&file) && score != Score::Right {
+            mistakes.push(format!("{file}: {} instead of right: {why:#?}", score.name()));
+        }
+        let mut bearings = scored(&diagnosis).filter(|c| c.kind == ComponentKind::Bearing);
+        let healthy = diagnosis.state == State::Healthy
+            && score == Score::Right
+            && bearings.all(|c| c.state == State::Healthy);
+        if MUST_BE_HEALTHY.contains(&file) && !healthy {
+            mistakes.push(format!("{file}: not healthy: {why:#?}"));
+        }
+    }
+    for file in MUST_BE_RIGHT.iter().chain(&MUST_BE_HEALTHY) {
+        assert!(seen.iter().any(|s| s == file), "{file} is not in truth.csv");
+    }
+    assert!(mistakes.is_empty(), "{}", mistakes.join("\n"));
+}
+
+#[test]
+#[ignore = "needs the real recordings: set ROTORWATCH_DATA"]
+fn names_and_order_of_files_do_not_matter() {
+    let Some(data) = data("names_and_order_of_files_do_not_matter") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let rows: Vec<Row> = truth(&data)
+        .into_iter()
+        .filter(|row| MUST_BE_RIGHT.contains(&&*row.file) || MUST_BE_HEALTHY.contains(&&*row.file))
+        .collect();
+    assert_eq!(rows.len(), MUST_BE_RIGHT.len() + MUST_BE_HEALTHY.len());
+    let first: Vec<Diagnosis> =
+        rows.iter().map(|row| diagnose(&data, row, &data.join(&row.file))).collect();
+    // Last first, under names that say something else.
+    for (at, (row, expected)) in rows.iter().zip(&first).enumerate().rev() {
+        let renamed = folder.path().join(format!("{at}_healthy_outer_race_normal.h5"));
+        fs::copy(data.join(&row.file), &renamed).unwrap();
+        assert_eq!(&diagnose(&data, row, &renamed), expected, "{}", row.file);
+        fs::remove_file(&renamed).unwrap();
+    }
+}
+
+#[test]
+#[ignore = "needs the real recordings: set ROTORWATCH_DATA"]
+fn a_bearing_run_to_failure_warns_late_and_before_the_end() {
+    let Some(data) = data("a_bearing_run_to_failure_warns_late_and_before_the_end") else { return };
+    let rows = truth(&data);
+    let rows: Vec<&Row> = rows.iter().filter(|row| row.label == "run_to_failure").collect();
+    assert!(!rows.is_empty());
+    for row in rows {
+        let diagnosis = diagnose(&data, row, &data.join(&row.file));
+        let timeline = diagnosis.timeline.as_ref().unwrap();
+        let life_s = *timeline.time_s.last().unwrap();
+        let warned_s = diagnosis.first_warning_s.unwrap();
+        println!("{}: first warning at {:.1} % of life", row.file, 100.0 * warned_s / life_s);
+        assert!(warned_s > 0.5 * life_s, "{warned_s} s of {life_s} s");
+        assert!(diagnosis.state.is_accusation(), "{}", Verdicts(&diagnosis));
+        assert!(diagnosis.provisional_baseline.is_some());
+    }
+}
