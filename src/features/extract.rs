@@ -26,7 +26,9 @@ use crate::dsp::integrate::Quantity;
 use crate::dsp::integrate::VelocityPlan;
 use crate::dsp::stats::Moments;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
 use crate::machine::sensor::SensorKind;
+use crate::machine::shaft::Shaft;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
@@ -87,11 +89,12 @@ impl Extractor {
         let sensors = self.read_sensors(window);
         let mut traces = self.vibration_traces(window, &sensors);
         let speed = self.speed(window, &sensors, &traces);
-        let mut bearing_lines = Vec::new();
+        let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             for trace in &mut traces {
                 let info = &self.channels[trace.channel.0];
+                shaft_lines.extend(over_floor(&machine, trace, info.sample_rate, first));
                 trace.features.extend(shaft_features(
                     &machine,
                     trace,
@@ -135,6 +138,7 @@ impl Extractor {
             speed,
             sensors,
             channels,
+            shaft_lines,
             bearing_lines,
             absolute_lines,
             gears,
@@ -317,6 +321,25 @@ impl Extractor {
         }
         found
     }
+}
+
+/// The 1× line of every shaft against the noise around it, half a shaft speed to either side.
+fn over_floor(
+    machine: &Machine,
+    trace: &Trace<'_>,
+    sample_rate: Hz,
+    first: Hz,
+) -> Vec<shaft::OverFloor> {
+    let read = |(s, described): (usize, &Shaft)| {
+        let speed = Hz(first.0 * described.ratio_to_first?);
+        let half = Hz(0.5 * speed.0);
+        let n = trace.samples.len();
+        let (power_ratio, floor_dof) =
+            shaft::over_floor(&trace.x_hat, n, sample_rate, speed, half)?;
+        let (shaft, channel) = (ShaftIndex(s), trace.channel);
+        Some(shaft::OverFloor { shaft, channel, power_ratio, floor_dof })
+    };
+    machine.shafts.iter().enumerate().filter_map(read).collect()
 }
 
 /// Shaft lines and single-axis CWT amplitudes of one channel.

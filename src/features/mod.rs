@@ -90,6 +90,8 @@ pub struct WindowFeatures {
     pub sensors: Vec<sensor::SensorReading>,
     /// Named numbers by channel: what baselines and trends hold.
     pub channels: Vec<ChannelFeatures>,
+    /// 1× lines of the shafts over the noise around them, by channel.
+    pub shaft_lines: Vec<shaft::OverFloor>,
     /// Searches for bearing defect lines.
     pub bearing_lines: Vec<bearing::LineSearch>,
     /// Absolute-vibration lines of x/y pairs.

@@ -4,6 +4,7 @@
 //! are moved onto shaft harmonics within ± 3 % when a comb of them stands in the spectrum
 //! (docs/theory.md, F1–F3). Harmonics that a bearing's defect lines or the mains could imitate take no part.
 
+use super::shaft::hann_magnitude;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
@@ -119,16 +120,9 @@ pub struct Peak {
 #[must_use]
 pub fn peaks(x_hat: &[Complex<f32>], n: usize, sample_rate: Hz, top: Hz, block: Hz) -> Vec<Peak> {
     let bin_hz = sample_rate.0 / n as f64;
-    let hann = |k: usize| {
-        let at = |i: usize| x_hat.get(i).map_or((0.0, 0.0), |c| (f64::from(c.re), f64::from(c.im)));
-        let (a, b, c) = (at(k.wrapping_sub(1)), at(k), at(k + 1));
-        let re = 0.5 * b.0 - 0.25 * (a.0 + c.0);
-        let im = 0.5 * b.1 - 0.25 * (a.1 + c.1);
-        re.hypot(im)
-    };
     let last = floor_index((top.0 / bin_hz).ceil()).min(x_hat.len().saturating_sub(2));
     let width = floor_index((block.0 / bin_hz).ceil()).max(16);
-    let amplitude: Vec<f64> = (0..=last + width).map(hann).collect();
+    let amplitude: Vec<f64> = (0..=last + width).map(|k| hann_magnitude(x_hat, k)).collect();
     let mut found = Vec::new();
     for k in 2..last {
         let a = amplitude[k];

@@ -71,12 +71,23 @@ pub(super) fn signs(
     };
     let probes = of_kind(SensorKind::Proximitor);
     let housings = of_kind(SensorKind::Accelerometer);
-    let displacement = strongest(&probes, &[shaft::line_name(1, id)], features, context);
+    let line = shaft::line_name(1, id);
+    // A 1× that is lost in noise has no ratio: its amplitude is the noise's, which scatters widely.
+    let shows_line = |channel: &&ChannelFeatures| {
+        features.shaft_lines.iter().any(|l| {
+            (l.shaft, l.channel) == (shaft, channel.channel)
+                && confidence::cell_tail(l.power_ratio, l.floor_dof) * shaft::LINE_CELLS
+                    <= confidence::FALSE_ALARM_PROBABILITY
+        })
+    };
+    let displacement =
+        strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
+    let any = |_: &&ChannelFeatures| true;
     let single = shaft::cwt_name(id);
     let absolute = format!("absolute_{single}");
-    let cwt = strongest(&housings, &[absolute], features, context)
-        .or_else(|| strongest(&housings, &[single], features, context));
-    let housing = strongest(&housings, &[shaft::line_name(1, id)], features, context);
+    let cwt = strongest(&housings, &[absolute], features, context, &any)
+        .or_else(|| strongest(&housings, &[single], features, context, &any));
+    let housing = strongest(&housings, &[line], features, context, &shows_line);
     let on_shaft = machine.gears.iter().enumerate().filter(|(_, g)| {
         [g.driving.shaft, g.driven.shaft].into_iter().any(|s| same_speed(s, shaft, context))
     });
@@ -87,7 +98,7 @@ pub(super) fn signs(
                 .filter(|s| same_speed(*s, shaft, context))
                 .map(|s| gear::local_name(&described.id, &machine.shaft(s).id))
                 .collect();
-            (GearIndex(g), strongest(&housings, &names, features, context))
+            (GearIndex(g), strongest(&housings, &names, features, context, &any))
         })
         .collect();
     ShaftSigns { displacement, cwt, housing, local }
@@ -99,12 +110,14 @@ pub(super) fn same_speed(a: ShaftIndex, b: ShaftIndex, context: &Context<'_>) ->
     a == b || matches!((ratio(a), ratio(b)), (Some(x), Some(y)) if (x - y).abs() < 1e-9)
 }
 
-/// The largest ratio among channels and names, its probability paid for the looks.
+/// The largest ratio among channels and names, its probability paid for the looks; in a channel that
+/// does not show what the ratio is of, the probability is 1.
 pub(super) fn strongest(
     channels: &[&ChannelFeatures],
     names: &[String],
     features: &WindowFeatures,
     context: &Context<'_>,
+    shows: &dyn Fn(&&ChannelFeatures) -> bool,
 ) -> Option<Indicator> {
     let mut found: Vec<Indicator> = Vec::new();
     for channel in channels {
@@ -120,11 +133,19 @@ pub(super) fn strongest(
             });
             let mut sign = indicator(name, channel_name, channel, comparison, features);
             sign.rest = rest.map(|c| c.ratio);
+            if !shows(channel) {
+                sign.probability = 1.0;
+            }
             found.push(sign);
         }
     }
     let looks = found.len() as f64;
-    let mut best = found.into_iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    // What is proven comes before what is larger.
+    let rank = |i: &Indicator| (i.probability < 1.0, i.ratio);
+    let mut best = found.into_iter().max_by(|a, b| {
+        let (a, b) = (rank(a), rank(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+    })?;
     best.probability = (best.probability * looks).min(1.0);
     best.evidence.false_alarm_probability = Some(best.probability);
     Some(best)

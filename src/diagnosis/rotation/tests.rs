@@ -11,9 +11,11 @@ use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::WindowFeatures;
+use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
 use crate::machine::file;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
@@ -125,6 +127,15 @@ fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDi
         speed,
         sensors: Vec::new(),
         channels: features(signs),
+        shaft_lines: (0..2)
+            .flat_map(|s| [(s, 0), (s, 1)])
+            .map(|(shaft, channel)| OverFloor {
+                shaft: ShaftIndex(shaft),
+                channel: ChannelIndex(channel),
+                power_ratio: 1000.0,
+                floor_dof: 50.0,
+            })
+            .collect(),
         bearing_lines: Vec::new(),
         absolute_lines: Vec::new(),
         gears: Vec::new(),
