@@ -69,7 +69,7 @@ pub enum StartError {
         /// The capture.
         file: PathBuf,
         /// Why.
-        source: OfflineError,
+        source: Box<OfflineError>,
     },
     /// The port cannot be bound.
     #[error("the address {address} cannot be bound, choose another in [server] bind")]
@@ -209,7 +209,7 @@ fn baseline(entry: &MachineConfig) -> Result<Baseline, StartError> {
         offline::learn(file, &reference, &mut |_| ()).map_err(|source| StartError::Baseline {
             machine: entry.machine.id.clone(),
             file: file.clone(),
-            source,
+            source: Box::new(source),
         })
     });
     Ok(Baseline { records: records.collect::<Result<_, _>>()?, provisional: false })

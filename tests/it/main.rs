@@ -7,3 +7,6 @@ mod support;
 mod command_line;
 mod replay;
 mod shutdown;
+mod diagnose;
+mod check;
+mod demo;
