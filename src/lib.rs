@@ -16,6 +16,7 @@ pub mod pipeline;
 pub mod capture;
 pub mod offline;
 pub mod ingest;
+pub mod demo;
 pub mod api;
 pub mod dashboard;
 pub mod config;

@@ -28,6 +28,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "capture"]),
+    ("demo", &["units", "machine", "capture"]),
     (
         "api",
         &[

@@ -5,6 +5,12 @@ use clap::Args;
 use clap::CommandFactory;
 use std::process::ExitCode;
 
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch completions bash > /etc/bash_completion.d/rotorwatch
+  rotorwatch completions zsh > /usr/local/share/zsh/site-functions/_rotorwatch";
+
 /// Arguments of `completions`.
 #[derive(Debug, Args)]
 pub struct Arguments {

@@ -1,96 +1,262 @@
 //! `rotorwatch diagnose`: captures → verdicts.
 
+use super::EXIT_ERROR;
+use super::input;
+use super::input::InputError;
+use super::output::Output;
+use super::output::OutputError;
+use super::progress::Progress;
+use super::report;
+use super::report::Layout;
+use super::terminal::Page;
+use crate::api::wire::diagnosis::DiagnosisDocument;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::Diagnosis;
 use crate::offline;
+use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::units::Hz;
 use clap::Args;
-use std::fmt::Write;
+use clap::ValueEnum;
+use std::fs;
+use std::path::Path;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
+/// Exit code when `--fail-on` is met.
+const EXIT_ACCUSED: u8 = 1;
+
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch diagnose --machine rig.toml run-7.h5
+  rotorwatch diagnose --machine rig.toml --baseline healthy.h5 run-7.h5 run-8.h5
+  rotorwatch diagnose --machine rig.toml --format json --out verdicts.jsonl runs/*.h5
+  rotorwatch diagnose --machine rig.toml --fail-on damaged run-7.h5 || page-someone
+
+Without --machine the capture's own machine description is used; without that only levels and the
+health of the sensors can be told.
+
+Exit codes: 0 done; 1 the state named by --fail-on was found; 2 something could not be read, judged
+or written (the other captures still are).";
+
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Captures; each is diagnosed on its own.
-    #[arg(required = true)]
+    /// Captures (HDF5); each is diagnosed on its own.
+    #[arg(required = true, value_name = "CAPTURE")]
     pub captures: Vec<PathBuf>,
-    /// Machine file.
-    #[arg(long)]
+    /// Machine file: what turns, where the sensors are.
+    #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Healthy capture of the same machine; may be repeated.
-    #[arg(long)]
+    /// A capture of the same machine in good health; may be repeated.
+    #[arg(long, value_name = "CAPTURE")]
     pub baseline: Vec<PathBuf>,
-    /// Speed.
-    #[arg(long)]
+    /// Nominal speed of the first shaft, Hz; a tacho or speed channel wins over it.
+    #[arg(long, value_name = "HZ", value_parser = super::positive)]
     pub speed: Option<f64>,
+    /// Text for people, or one JSON document a line for each capture.
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+    /// Show the evidence for every component, not only for those accused (JSON always has it).
+    #[arg(long)]
+    pub evidence: bool,
+    /// Write to this file instead of stdout; it appears when it is complete.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// End with exit code 1 if a capture is in this state or worse.
+    #[arg(long, value_enum, value_name = "STATE")]
+    pub fail_on: Option<FailOn>,
 }
 
-/// Runs.
+/// How verdicts are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// For programs: `docs/schemas/diagnosis-1.schema.json`.
+    Json,
+}
+
+/// From which state on the exit code is 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FailOn {
+    /// Warning or damaged.
+    Warning,
+    /// Damaged only.
+    Damaged,
+}
+
+impl FailOn {
+    fn is_met_by(self, state: State) -> bool {
+        match self {
+            Self::Warning => state.is_accusation(),
+            Self::Damaged => state == State::Damaged,
+        }
+    }
+}
+
+/// Why nothing at all was diagnosed.
+#[derive(Debug, thiserror::Error)]
+enum DiagnoseError {
+    #[error(transparent)]
+    Input(#[from] InputError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("the baseline {} cannot be used", file.display())]
+    Baseline { file: PathBuf, source: Box<OfflineError> },
+    #[error("{}: --out would replace a file that is read; choose another name", file.display())]
+    Overwrites { file: PathBuf },
+    #[error("the verdict cannot be written as JSON")]
+    Json(#[from] serde_json::Error),
+}
+
+/// What became of all captures.
+#[derive(Debug, Default)]
+struct Tally {
+    n_failed: usize,
+    n_diagnosed: usize,
+    fail_on_met: bool,
+}
+
+impl Tally {
+    fn exit_code(&self) -> ExitCode {
+        if self.n_failed > 0 {
+            ExitCode::from(EXIT_ERROR)
+        } else if self.fail_on_met {
+            ExitCode::from(EXIT_ACCUSED)
+        } else {
+            ExitCode::SUCCESS
+        }
+    }
+}
+
+/// Diagnoses every capture; what fails is told on stderr and does not hold up the others.
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
-    let mut reference =
-        Reference { speed: arguments.speed.map(crate::units::Hz), ..Reference::default() };
-    if let Some(file) = &arguments.machine {
-        let text = std::fs::read_to_string(file).unwrap_or_default();
-        match crate::machine::file::parse(&text, &file.display().to_string()) {
-            Ok(machine) => reference.machine = Some(Arc::new(machine)),
-            Err(e) => return super::fail(&e),
+    match diagnose_all(arguments) {
+        Ok(tally) => tally.exit_code(),
+        Err(DiagnoseError::Input(InputError::Mistakes(mistakes))) => {
+            super::tell_lines(&mistakes);
+            ExitCode::from(EXIT_ERROR)
         }
+        Err(error) => super::fail(&error),
     }
-    let mut records = Vec::new();
-    for file in &arguments.baseline {
-        match offline::learn(file, &reference, &mut |_| ()) {
-            Ok(record) => records.push(record),
-            Err(e) => return super::fail(&e),
-        }
-    }
-    reference.baseline = Baseline { records, provisional: false };
-    let mut out = String::new();
+}
+
+fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
+    refuse_to_overwrite_inputs(arguments)?;
+    let progress = Progress::new(arguments.format == Format::Text);
+    let machine = arguments.machine.as_deref().map(input::machine).transpose()?;
+    let mut reference = Reference {
+        machine: machine.map(Arc::new),
+        speed: arguments.speed.map(Hz),
+        baseline: Baseline::default(),
+    };
+    reference.baseline = learn(&arguments.baseline, &reference, &progress)?;
+    let mut output = Output::open(arguments.out.as_deref())?;
+    let writer = Writer::new(arguments, &output);
+    let mut tally = Tally::default();
     for file in &arguments.captures {
-        match offline::diagnose(file, &reference, &mut |_| ()) {
-            Ok(d) => {
-                let _ = writeln!(
-                    out,
-                    "== {} {} speed {:?} {:?} conf {:.2}",
-                    file.display(),
-                    d.state.name(),
-                    d.shaft_speed,
-                    d.speed_source,
-                    d.speed_confidence
-                );
-                for c in &d.components {
-                    let _ = writeln!(
-                        out,
-                        "  {:?} {} {} {:?} sev {:?} conf {:?}: {}",
-                        c.kind,
-                        c.id,
-                        c.state.name(),
-                        c.fault.map(|f| f.name()),
-                        c.severity,
-                        c.confidence,
-                        c.why
-                    );
-                    for e in &c.evidence {
-                        let _ = writeln!(
-                            out,
-                            "      {} {} f {:?} v {:.3} p {:?}",
-                            e.indicator,
-                            e.channel,
-                            e.frequency.map(|f| f.0),
-                            e.value,
-                            e.false_alarm_probability
-                        );
-                    }
-                }
-                let _ = writeln!(
-                    out,
-                    "   warn {:?} first {:?} {:?}",
-                    d.warnings, d.first_warning_s, d.first_damaged_s
-                );
+        if output.is_closed() && arguments.fail_on.is_none() {
+            break; // Nobody reads on, and nobody asked for the exit code.
+        }
+        let found = progress.of(file, |told| offline::diagnose(file, &reference, told));
+        match found {
+            Ok(diagnosis) => {
+                let text = writer.text(&diagnosis, file, tally.n_diagnosed == 0)?;
+                output.write(&text)?;
+                tally.n_diagnosed += 1;
+                let met = |fail_on: FailOn| fail_on.is_met_by(diagnosis.state);
+                tally.fail_on_met |= arguments.fail_on.is_some_and(met);
             }
-            Err(e) => return super::fail(&e),
+            Err(error) => {
+                tally.n_failed += 1;
+                tell_failure(file, &error);
+            }
         }
     }
-    super::print(out.as_bytes())
+    if tally.n_diagnosed > 0 {
+        output.finish()?;
+    }
+    Ok(tally)
+}
+
+fn learn(
+    files: &[PathBuf],
+    reference: &Reference,
+    progress: &Progress,
+) -> Result<Baseline, DiagnoseError> {
+    let mut records: Vec<Record> = Vec::new();
+    for file in files {
+        let learned = progress.of(file, |told| offline::learn(file, reference, told));
+        records.push(learned.map_err(|source| match input::not_a_capture(file) {
+            Some(other) => DiagnoseError::Input(other),
+            None => DiagnoseError::Baseline { file: file.clone(), source: Box::new(source) },
+        })?);
+    }
+    Ok(Baseline { records, provisional: false })
+}
+
+/// Tells why a capture could not be diagnosed, once.
+fn tell_failure(file: &Path, error: &OfflineError) {
+    if let Some(other) = input::not_a_capture(file) {
+        super::tell(&other);
+    } else if let OfflineError::Machine { source, .. } = error {
+        super::tell_lines(source);
+    } else if let OfflineError::Capture(source) = error {
+        super::tell(source); // Names the file itself.
+    } else {
+        super::tell(error);
+    }
+}
+
+/// Refuses an `--out` that names a file which is read.
+fn refuse_to_overwrite_inputs(arguments: &Arguments) -> Result<(), DiagnoseError> {
+    let Some(Ok(out)) = arguments.out.as_deref().map(fs::canonicalize) else {
+        return Ok(()); // stdout, or a file that is not there yet
+    };
+    let read = arguments.captures.iter().chain(&arguments.baseline).chain(&arguments.machine);
+    let mut read = read.filter_map(|file| fs::canonicalize(file).ok());
+    if out.is_file() && read.any(|file| file == out) {
+        return Err(DiagnoseError::Overwrites { file: out });
+    }
+    Ok(())
+}
+
+/// Sets verdicts as text or documents.
+#[derive(Debug)]
+struct Writer {
+    format: Format,
+    layout: Layout,
+}
+
+impl Writer {
+    fn new(arguments: &Arguments, output: &Output) -> Self {
+        let page = if output.is_stdout() { Page::of_stdout() } else { Page::PLAIN };
+        let layout = Layout { page, all_evidence: arguments.evidence };
+        Self { format: arguments.format, layout }
+    }
+
+    fn text(
+        &self,
+        diagnosis: &Diagnosis,
+        file: &Path,
+        is_first: bool,
+    ) -> Result<String, DiagnoseError> {
+        let name = file.display().to_string();
+        match self.format {
+            Format::Text => {
+                let gap = if is_first { "" } else { "\n" };
+                Ok(format!("{gap}{}", report::text(diagnosis, &name, &self.layout)))
+            }
+            Format::Json => {
+                let document = DiagnosisDocument::new(diagnosis, Some(&name));
+                Ok(serde_json::to_string(&document)? + "\n")
+            }
+        }
+    }
 }

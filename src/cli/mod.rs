@@ -3,8 +3,15 @@
 //! Results go to stdout, logs and errors to stderr. Exit codes: 0 success, 1 a verdict asked for by
 //! an option, 2 an error.
 
+pub mod input;
+pub mod output;
+pub mod terminal;
+pub mod progress;
+pub mod report;
 pub mod diagnose;
+pub mod check;
 pub mod serve;
+pub mod demo;
 pub mod openapi;
 pub mod completions;
 pub mod man;
@@ -25,13 +32,18 @@ pub const EXIT_ERROR: u8 = 2;
 
 const EXAMPLES: &str = "\
 Examples:
-  rotorwatch serve --print-config > rotorwatch.toml
+  rotorwatch demo
+  rotorwatch check --frequencies rig.toml
+  rotorwatch diagnose --machine rig.toml run-7.h5
   rotorwatch serve --config rotorwatch.toml
-  rotorwatch completions bash > /etc/bash_completion.d/rotorwatch
 
 Environment:
   ROTORWATCH_LOG                   what is logged: a level or module=level, default info
-  ROTORWATCH__SECTION__KEY         overrides a key of the configuration file";
+  ROTORWATCH__SECTION__KEY         overrides a key of the daemon's configuration file
+  NO_COLOR                         no colours, if not empty
+
+Results go to stdout, logs and errors to stderr. Exit codes: 0 success; 1 a verdict asked for by an
+option; 2 an error.";
 
 /// Says which bearing, shaft or gear of a drivetrain is damaged, how badly, how sure it is and why.
 #[derive(Debug, Parser)]
@@ -57,14 +69,27 @@ pub enum LogFormatArgument {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Diagnose captures.
+    /// Say what captures show: which part is damaged, how badly, how sure that is and why
+    #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
-    /// Run the daemon.
+    /// Check machine files, configurations and captures, and list a machine's frequencies
+    #[command(after_help = check::EXAMPLES)]
+    Check(check::Arguments),
+    /// Run the daemon: watch machines and answer over HTTP
+    #[command(after_help = serve::EXAMPLES)]
     Serve(serve::Arguments),
-    /// Print the completions of a shell.
+    /// Run the daemon on a generated signal, with nothing configured
+    #[command(after_help = demo::EXAMPLES)]
+    Demo(demo::Arguments),
+    /// Print the document of the HTTP API (OpenAPI 3.1), or a schema
+    #[command(after_help = openapi::EXAMPLES)]
+    Openapi(openapi::Arguments),
+    /// Print the completions of a shell
+    #[command(after_help = completions::EXAMPLES)]
     Completions(completions::Arguments),
-    /// Print the manual page.
-    Man,
+    /// Print a manual page
+    #[command(after_help = man::EXAMPLES)]
+    Man(man::Arguments),
 }
 
 /// Runs a command line and gives the exit code.
@@ -80,18 +105,40 @@ pub fn run(cli: &Cli) -> ExitCode {
     }
     match &cli.command {
         Command::Diagnose(arguments) => diagnose::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Demo(arguments) => demo::run(arguments),
+        Command::Openapi(arguments) => openapi::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),
-        Command::Man => man::run(),
+        Command::Man(arguments) => man::run(arguments),
     }
 }
 
 /// Tells an error with its causes on stderr and gives the exit code for it.
 #[must_use]
 pub fn fail(error: &dyn Error) -> ExitCode {
+    tell(error);
+    ExitCode::from(EXIT_ERROR)
+}
+
+/// Tells an error with its causes on stderr.
+pub fn tell(error: &dyn Error) {
     // Without a stderr the exit code has to say it.
     let _no_stderr = writeln!(io::stderr(), "error: {}", with_causes(error));
-    ExitCode::from(EXIT_ERROR)
+}
+
+/// Tells a list of mistakes on stderr, each line of which names its file.
+pub fn tell_lines(mistakes: &dyn Error) {
+    // Without a stderr the exit code has to say it.
+    let _no_stderr = writeln!(io::stderr(), "{mistakes}");
+}
+
+/// Reads a number above 0, of what an option says it is.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number.is_finite() && number > 0.0 => Ok(number),
+        Ok(_) | Err(_) => Err("not a number above 0".to_owned()),
+    }
 }
 
 /// Prints a whole text on stdout. A reader that closed early (`| head`) is no error.
@@ -112,5 +159,22 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_shows_examples() {
+        for command in Cli::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let example = format!("Examples:\n  rotorwatch {}", command.get_name());
+            assert!(help.contains(&example), "{}: {help}", command.get_name());
+        }
+    }
+
+    #[test]
+    fn a_speed_is_a_number_above_0() {
+        assert_eq!(positive("29.5"), Ok(29.5));
+        for text in ["0", "-3", "nan", "inf", "1e999", "fast", ""] {
+            assert!(positive(text).is_err(), "{text}");
+        }
     }
 }

@@ -1,14 +1,40 @@
-//! `rotorwatch openapi`: prints the API document.
+//! `rotorwatch openapi`: prints the API document, or the schema of the diagnosis document.
 
 use crate::api;
-use std::io;
-use std::io::Write;
+use crate::api::wire::diagnosis;
+use clap::Args;
+use clap::ValueEnum;
+use std::process::ExitCode;
 
-/// Writes the OpenAPI 3.1 document of the HTTP API as indented JSON.
-///
-/// # Errors
-/// When `out` cannot be written.
-pub fn run(out: &mut dyn Write) -> io::Result<()> {
-    out.write_all(api::openapi_text().as_bytes())?;
-    out.flush()
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch openapi > openapi.json
+  rotorwatch openapi --schema diagnosis > diagnosis-1.schema.json";
+
+/// Arguments of `openapi`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The JSON Schema of a document instead.
+    #[arg(long, value_enum, value_name = "DOCUMENT")]
+    pub schema: Option<Schema>,
+}
+
+/// Documents with a published schema.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Schema {
+    /// What `diagnose --format json` prints: `rotorwatch.diagnosis/1`.
+    Diagnosis,
+}
+
+/// Prints the OpenAPI 3.1 document of the HTTP API, or a schema, as indented JSON.
+#[must_use]
+pub fn run(arguments: &Arguments) -> ExitCode {
+    match arguments.schema {
+        None => super::print(api::openapi_text().as_bytes()),
+        Some(Schema::Diagnosis) => match serde_json::to_string_pretty(&diagnosis::json_schema()) {
+            Ok(text) => super::print((text + "\n").as_bytes()),
+            Err(error) => super::fail(&error),
+        },
+    }
 }

@@ -5,10 +5,19 @@ use crate::app;
 use crate::config;
 use clap::Args;
 use std::io;
-use std::io::Write;
 use std::path::Path;
 use std::path::PathBuf;
 use std::process::ExitCode;
+
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch serve --print-config > rotorwatch.toml
+  rotorwatch check rotorwatch.toml
+  rotorwatch serve --config rotorwatch.toml
+
+The first line on stdout is the address: listening on http://127.0.0.1:8080. SIGTERM or SIGINT ends
+it within five seconds.";
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
@@ -34,8 +43,7 @@ fn serve(file: &Path) -> ExitCode {
     let config = match config::load(file) {
         Ok(config) => config,
         Err(errors) => {
-            // Without a stderr the exit code has to say it.
-            let _no_stderr = writeln!(io::stderr(), "{errors}");
+            super::tell_lines(&errors);
             return ExitCode::from(EXIT_ERROR);
         }
     };

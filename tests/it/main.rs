@@ -13,3 +13,6 @@ mod gaps;
 mod neighbours;
 mod rubbish;
 mod recordings;
+mod diagnose;
+mod check;
+mod demo;
