@@ -274,15 +274,15 @@ fn a_thousand_records_accuse_nothing() {
 /// How often each of `LEVELS` is undercut by the probabilities of bands and of their fundamentals.
 struct Exceedance {
     n: usize,
-    band: [usize; 2],
-    fundamental: [usize; 2],
+    band: [usize; LEVELS.len()],
+    fundamental: [usize; LEVELS.len()],
 }
 
-const LEVELS: [f64; 2] = [1e-1, 1e-2];
+const LEVELS: [f64; 3] = [1e-1, 1e-2, 1e-3];
 
 fn exceedance(kind: Kind, seeds: std::ops::Range<u64>) -> Exceedance {
     let mut bench = Bench::new();
-    let mut found = Exceedance { n: 0, band: [0; 2], fundamental: [0; 2] };
+    let mut found = Exceedance { n: 0, band: [0; LEVELS.len()], fundamental: [0; LEVELS.len()] };
     for seed in seeds {
         let features = bench.measure(kind, seed);
         let readings = features.bearing_lines.iter().flat_map(|s| s.outcome.iter().flatten());
@@ -303,7 +303,7 @@ fn exceedance(kind: Kind, seeds: std::ops::Range<u64>) -> Exceedance {
 fn check_calibration(kind: Kind, seeds: std::ops::Range<u64>, slack: f64) {
     let found = exceedance(kind, seeds);
     for (at, level) in LEVELS.iter().enumerate() {
-        let part = |count: [usize; 2]| count[at] as f64 / found.n as f64;
+        let part = |count: [usize; LEVELS.len()]| count[at] as f64 / found.n as f64;
         let (band, fundamental) = (part(found.band), part(found.fundamental));
         println!(
             "{kind:?}, {} bands, nominal {level}: bands {band:.5}, fundamentals {fundamental:.5}",

@@ -4,6 +4,7 @@
 //! `machines/<dataset>.toml` and the captures. Without it these tests skip themselves.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
+#![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 #![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
 
 use rotorwatch::diagnosis::baseline::Baseline;

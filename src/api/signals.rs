@@ -4,7 +4,7 @@ use super::decimate;
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, channel, newest};
-use super::view::{MachineView, ShardRequest, SourceState, Waveform};
+use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, SourceState, Waveform};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{
     ChannelListWire, ChannelWire, TrendColumnWire, TrendWire, Validity, WaveformWire,
@@ -20,8 +20,8 @@ use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::IntoParams;
 
-/// Most samples of one answer: 16 MiB of f32.
-pub(super) const MAX_SAMPLES: usize = 4_194_304;
+/// Most samples of one answer.
+pub(super) const MAX_SAMPLES: usize = MAX_WAVEFORM_SAMPLES;
 
 /// Most points of a JSON column.
 pub(super) const MAX_POINTS: usize = 200_000;

@@ -55,6 +55,9 @@ pub struct MachineView {
     pub dropped: (u64, u64),
 }
 
+/// Most samples of one [`Waveform`]: 16 MiB, which a shard copies in a few milliseconds.
+pub const MAX_WAVEFORM_SAMPLES: usize = 4_194_304;
+
 /// A run of raw samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Waveform {
@@ -85,7 +88,7 @@ pub enum ShardRequest {
         channel: usize,
         /// One past the last sample wanted.
         end: Option<u64>,
-        /// At most this many.
+        /// At most this many, [`MAX_WAVEFORM_SAMPLES`] at most.
         max_samples: usize,
         /// `None` when nothing is held.
         reply: oneshot::Sender<Option<Waveform>>,

@@ -5,6 +5,7 @@ use super::link::Losses;
 use super::trend::TrendStore;
 use crate::alarms::AlarmEvent;
 use crate::api::view::AlarmHistory;
+use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
@@ -28,9 +29,6 @@ use std::panic::catch_unwind;
 use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::watch;
-
-/// Most samples of one waveform reply: 4 MiB, copied in about a millisecond.
-pub const MAX_WAVEFORM_SAMPLES: usize = 1 << 20;
 
 /// What is known of a machine before its first block.
 #[derive(Debug)]

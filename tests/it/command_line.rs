@@ -19,6 +19,24 @@ fn a_bad_configuration_ends_with_2_and_every_mistake() {
 }
 
 #[test]
+fn a_baseline_that_cannot_be_read_ends_with_2() {
+    let config = "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n\
+                  baseline = [\"healthy.h5\"]\n[[source]]\nkind = \"replay\"\n\
+                  machine = \"rig-1\"\nfile = \"x.h5\"\n";
+    let files: [(&str, &[u8]); 3] = [
+        ("rig.toml", support::MACHINE.as_bytes()),
+        ("healthy.h5", b"not a capture"),
+        ("x.h5", b"not a capture"),
+    ];
+    let dir = support::folder(config, &files);
+    support::write_ramp(&dir, "x.h5", 2000.0, 4000);
+    let ended = support::refused_in(&dir);
+    assert_eq!(ended.status.code(), Some(2), "{}", ended.stderr);
+    assert_eq!(ended.stdout, "");
+    assert!(ended.stderr.contains("healthy.h5"), "{}", ended.stderr);
+}
+
+#[test]
 fn a_taken_port_ends_with_2() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();

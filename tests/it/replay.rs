@@ -43,6 +43,22 @@ fn a_finished_replay_keeps_serving_every_sample() {
 }
 
 #[test]
+fn a_long_waveform_is_not_cut() {
+    let n_samples = 1_200_000; // 10 min, more than 2^20
+    let config = "[server]\nbind = \"127.0.0.1:0\"\n[pipeline]\nring_seconds = 700\n[[machine]]\n\
+                  file = \"rig.toml\"\n[[source]]\nkind = \"replay\"\nmachine = \"rig-1\"\n\
+                  file = \"ramp.h5\"\n";
+    let dir = support::folder(config, &[("rig.toml", support::MACHINE.as_bytes())]);
+    support::write_ramp(&dir, "ramp.h5", RATE_HZ, n_samples);
+    let daemon = Daemon::start_in(dir);
+    daemon.wait_finished("rig-1");
+    let path = format!("/api/v1/machines/rig-1/channels/right_x/waveform?samples={n_samples}");
+    let (status, headers, bytes) = daemon.get_binary(&path, &["x-rotorwatch-validity"]);
+    assert_eq!((status, headers), (200, vec!["ok".to_owned()]));
+    assert_eq!(bytes.len(), 4 * n_samples as usize);
+}
+
+#[test]
 fn a_signal_ends_a_replay_that_waits_for_its_time() {
     let daemon = Daemon::start_in(folder("speed = 0.01\n"));
     assert_eq!(daemon.get_text("/livez").0, 200);

@@ -126,7 +126,12 @@ pub(crate) fn run(command: &mut Command) -> Ended {
 
 /// Runs a daemon that is expected not to start.
 pub(crate) fn refused(config: &str, files: &[(&str, &[u8])]) -> Ended {
-    run(&mut serve(&folder(config, files)))
+    refused_in(&folder(config, files))
+}
+
+/// Runs a daemon in a folder made by [`folder`]; it is expected not to start.
+pub(crate) fn refused_in(dir: &TempDir) -> Ended {
+    run(&mut serve(dir))
 }
 
 impl Daemon {
