@@ -1,7 +1,7 @@
 //! Vibration of a bearing with a local defect, in closed form: a train of decaying impulses.
 //!
 //! Pure: the scene, the seed and the duration are arguments; the same three give the same bits.
-//! Equations M1–M7 of `docs/theory-demo.md`. Must not know files or diagnoses.
+//! Equations M1–M7 of `docs/theory.md`. Must not know files or diagnoses.
 //!
 //! ```
 //! use rotorwatch::demo::impulses::{Defect, Scene};

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Closed-form impulses, not a simulation of a rig: good for showing the program and for tests that
-//! need to know the answer, no proof of accuracy. Equations M1–M7 of `docs/theory-demo.md`. Must
+//! need to know the answer, no proof of accuracy. Equations M1–M7 of `docs/theory.md`. Must
 //! not know what a diagnosis makes of it.
 
 pub mod impulses;
