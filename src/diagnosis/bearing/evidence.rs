@@ -1,5 +1,6 @@
 //! The numbers behind a bearing's verdict.
 
+use super::accept::Accepted;
 use super::accept::Candidate;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
@@ -10,27 +11,40 @@ use crate::features::WindowFeatures;
 use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::machine::BearingIndex;
+use crate::units::Hz;
 use crate::units::Unit;
 
-/// The best reading of each line, and the absolute-vibration lines.
+/// One reading of each line, and the absolute-vibration lines that no accepted line explains.
+///
+/// Of an accepted line it is the reading it was accepted by, of any other the deepest.
 pub(super) fn evidence(
     bearing: BearingIndex,
     candidates: &[Candidate<'_>],
+    accepted: &[Accepted<'_>],
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Vec<Evidence> {
     let mut found = Vec::new();
     for line in DefectLine::ALL {
-        let of_line = candidates.iter().filter(|c| c.search.line == line);
-        if let Some(best) = of_line.max_by(|a, b| {
-            (a.depth(), -a.probability)
-                .partial_cmp(&(b.depth(), -b.probability))
-                .unwrap_or(std::cmp::Ordering::Equal)
-        }) {
-            found.push(envelope_evidence(best, context));
-        }
+        let of_line = || candidates.iter().filter(|c| c.search.line == line);
+        let is_accepted =
+            |c: &&Candidate<'_>| accepted.iter().any(|a| std::ptr::eq(a.search, c.search));
+        let rank = |c: &Candidate<'_>| (c.depth(), -c.probability);
+        let deepest = || {
+            of_line().max_by(|a, b| {
+                let (a, b) = (rank(a), rank(b));
+                a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+            })
+        };
+        let shown = of_line().find(is_accepted).or_else(deepest);
+        found.extend(shown.map(|c| envelope_evidence(c, context)));
     }
-    let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing);
+    let resolution = features.bearing_lines.iter().map(|s| s.resolution.0).fold(0.0, f64::max);
+    let explained = |l: &AbsoluteLine| {
+        let others = accepted.iter().filter(|a| (a.bearing, a.line) != (bearing, l.line));
+        others.into_iter().any(|a| a.explains(l.reading.frequency, Hz(resolution)))
+    };
+    let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));
     found.extend(absolute.map(|l| absolute_evidence(l, context)));
     found
 }

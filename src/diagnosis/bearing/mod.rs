@@ -68,7 +68,7 @@ fn judge_one(
         .filter(|s| s.outcome.is_ok())
         .map(|s| Candidate::weigh(s, accepted, looks))
         .collect();
-    verdict.evidence = evidence::evidence(bearing, &candidates, features, context);
+    verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let own: Vec<&Accepted<'_>> = accepted.iter().filter(|a| a.bearing == bearing).collect();
     let proven: Vec<&Candidate<'_>> = own
         .iter()
