@@ -202,7 +202,8 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
     let rate: f64 = channels.iter().map(|c| c.sample_rate.0).sum();
     let longest = WINDOW_S.min(MAX_WINDOW_SAMPLES / rate.max(1.0));
     let n = (info.duration_s / longest).ceil().max(1.0);
-    let window_s = if info.segments.is_some() { longest } else { (info.duration_s / n).max(1e-3) };
+    let whole = info.segments.is_none() && info.duration_s > 0.0;
+    let window_s = if whole { info.duration_s / n } else { longest };
     let provisional = info.segments.filter(|n| *n >= MIN_SEGMENTS_FOR_PROVISIONAL);
     let none_given = reference.baseline.records.is_empty();
     Settings {
@@ -212,5 +213,53 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
         baseline: reference.baseline.clone(),
         provisional_windows: provisional.filter(|_| none_given).map(|n| n.div_ceil(10)),
         alarms: crate::pipeline::Settings::default().alarms,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::writer::CaptureHeader;
+    use crate::capture::writer::CaptureWriter;
+    use crate::capture::writer::ChannelHeader;
+    use crate::capture::writer::ChannelSamples;
+    use crate::capture::writer::ChannelStorage;
+
+    fn capture(folder: &Path, rate: f64, samples: &[f32]) -> PathBuf {
+        let file = folder.join("x.h5");
+        let mut writer = CaptureWriter::create(&file, &CaptureHeader::default()).unwrap();
+        let header = ChannelHeader {
+            name: "x".to_owned(),
+            sample_rate: Hz(rate),
+            unit: Some("g".to_owned()),
+            sensor: None,
+            storage: ChannelStorage::Contiguous,
+        };
+        writer.channel(&header, ChannelSamples::F32(samples)).unwrap();
+        writer.finish().unwrap();
+        file
+    }
+
+    #[test]
+    fn absurd_rates_end_in_a_verdict_or_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let samples: Vec<f32> = (0..40_000_u16).map(|i| f32::from(i % 97) - 48.0).collect();
+        for rate in [1e-300, 1e-6, 0.5, 99.0, 1e9, 1e300] {
+            let file = capture(folder.path(), rate, &samples);
+            // Without a machine the levels alone are judged: nothing is accused.
+            match diagnose(&file, &Reference::default(), &mut |_| ()) {
+                Ok(found) => assert!(found.components.iter().all(|c| !c.state.is_accusation())),
+                Err(error) => assert!(!error.to_string().is_empty(), "{rate}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_capture_without_a_machine_is_judged_by_its_data_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = capture(folder.path(), 1000.0, &[0.25; 5000]);
+        let found = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap();
+        assert!(found.components.iter().any(|c| c.id == "x"), "a dead sensor is told: {found:?}");
+        assert_eq!(found.samples_used, 5000);
     }
 }

@@ -29,6 +29,9 @@ use crate::units::Hz;
 use std::sync::Arc;
 use windows::WindowGrid;
 
+/// Fewest samples of the fastest channel in a window.
+const MIN_WINDOW_SAMPLES: f64 = 64.0;
+
 /// How windows are laid and what they are held against.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -131,7 +134,7 @@ impl Monitor {
         };
         Ok(Self {
             rings: channels.iter().map(ring).collect(),
-            grid: WindowGrid::new(settings.window_s, settings.hop_s),
+            grid: grid(&channels, settings),
             segment: None,
             extractor,
             baseline: settings.baseline.clone(),
@@ -355,6 +358,14 @@ impl Monitor {
             diagnosis.baselines.clear();
         }
     }
+}
+
+/// Lays windows as asked, but never shorter than a few samples of the fastest channel: a capture
+/// may declare any rate.
+fn grid(channels: &[ChannelInfo], settings: &Settings) -> WindowGrid {
+    let fastest = channels.iter().map(|c| c.sample_rate.0).fold(0.0, f64::max);
+    let shortest_s = MIN_WINDOW_SAMPLES / fastest.max(f64::MIN_POSITIVE);
+    WindowGrid::new(settings.window_s.max(shortest_s), settings.hop_s.max(shortest_s))
 }
 
 /// History a ring must keep: what was asked for, a window and a hop at least.
