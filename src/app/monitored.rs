@@ -105,6 +105,9 @@ impl Monitored {
                 if self.source == SourceState::Finished {
                     let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
                     self.take_outcomes(outcomes, None, queue_bytes);
+                    let judged = self.monitor.as_ref().zip(self.diagnosis.as_deref());
+                    let recounted = judged.map(|(m, d)| Arc::new(m.recounted(d)));
+                    self.diagnosis = recounted.or(self.diagnosis.take());
                 }
                 self.publish(queue_bytes);
             }

@@ -65,7 +65,7 @@ pub fn judge(
         }
         (_, Some(found)) => {
             verdict.state = State::Healthy;
-            verdict.severity = Some(found.severity.min(severity::WARNING - 1e-6));
+            verdict.severity = Some(severity::not_accused(found.severity));
             verdict.confidence = Some(0.9);
             verdict.why = format!("levels are normal: {}", found.text);
         }

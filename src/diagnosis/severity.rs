@@ -36,6 +36,27 @@ pub fn of_ratio(ratio: f64, warning: f64, damaged: f64) -> f64 {
     }
 }
 
+/// Severity shown of a component that is not accused (S3): the same order, squeezed below the warning.
+#[must_use]
+pub fn not_accused(severity: f64) -> f64 {
+    squeezed(severity, WARNING)
+}
+
+/// Severity shown where the cause is not proven and damage may not be claimed (S3).
+#[must_use]
+pub fn not_damaged(severity: f64) -> f64 {
+    if severity <= WARNING {
+        severity
+    } else {
+        WARNING + squeezed(severity - WARNING, DAMAGED - WARNING)
+    }
+}
+
+/// x → limit·(1 − e^(−x/limit)): strictly rising, below the limit.
+fn squeezed(x: f64, limit: f64) -> f64 {
+    limit * -(-x.max(0.0) / limit).exp_m1()
+}
+
 /// State of a proven fault of a severity.
 #[must_use]
 pub fn state(severity: f64) -> State {
@@ -71,6 +92,9 @@ mod tests {
             prop_assert!(of_depth(a + step) > of_depth(a) && of_depth(a + step) < 1.0);
             let (low, high) = (of_ratio(a, 2.0, 10.0), of_ratio(a + step, 2.0, 10.0));
             prop_assert!(high > low && high < 1.0);
+            let (a, b) = (of_depth(a / 50.0), of_depth((a + step) / 50.0));
+            prop_assert!(not_accused(b) > not_accused(a) && not_accused(b) < WARNING);
+            prop_assert!(not_damaged(b) > not_damaged(a) && not_damaged(b) < DAMAGED);
         }
     }
 }

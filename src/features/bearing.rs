@@ -211,8 +211,7 @@ pub fn read_line(
     let first = bin_at(task.expected.0 * (1.0 + low), spectrum.bin_hz);
     let last = bin_at(task.expected.0 * (1.0 + high), spectrum.bin_hz);
     let found = strongest(spectrum, task, first, last)?;
-    let n_cells =
-        ((last - first) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW).max(0.0) + 1.0;
+    let n_cells = searched_cells(first, last, spectrum);
     let mut harmonics = [None; N_HARMONICS];
     harmonics[0] = measure(spectrum, task, found, n_cells, scratch);
     let fundamental = harmonics[0]?;
@@ -229,7 +228,7 @@ pub fn read_line(
         ) else {
             continue;
         };
-        *slot = measure(spectrum, task, at, 1.0 + h as f64 / 2.0, scratch);
+        *slot = measure(spectrum, task, at, 2.0 + reach as f64, scratch);
         if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT)
             && fundamental.power_ratio > STANDS_OUT
         {
@@ -246,6 +245,12 @@ pub fn read_line(
         side_band,
         mean_square: spectrum.mean_square,
     })
+}
+
+/// Cells a maximum over the bins `first..=last` costs: one for each resolution step 1/T and one for
+/// each end. Hann cells are 1.5 steps wide, but a padded grid finds the maximum between them too.
+fn searched_cells(first: usize, last: usize, spectrum: &DepthSpectrum<'_>) -> f64 {
+    (last - first) as f64 * spectrum.bin_hz * spectrum.duration_s + 2.0
 }
 
 /// Reads the stronger of the side bands at ± spacing around `frequency_hz`.

@@ -27,6 +27,7 @@ use crate::machine::sensor::SensorKind;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
+use std::collections::BTreeMap;
 
 /// A window must hold this many revolutions before its lines can be told from shaft harmonics.
 const MIN_REVOLUTIONS: f64 = 20.0;
@@ -60,6 +61,8 @@ pub struct LineReader<'m> {
     machine: &'m Machine,
     first: Hz,
     scratch: Vec<f32>,
+    /// Envelope spectra by length: bands of equal width share one.
+    spectra: BTreeMap<usize, EnvelopeSpectrumPlan<f32>>,
 }
 
 /// A channel of a search: index, rate, sample range.
@@ -69,7 +72,7 @@ impl<'m> LineReader<'m> {
     /// Prepares for the speed `first` of the first shaft.
     #[must_use]
     pub fn new(machine: &'m Machine, first: Hz) -> Self {
-        Self { machine, first, scratch: Vec::new() }
+        Self { machine, first, scratch: Vec::new(), spectra: BTreeMap::new() }
     }
 
     /// Reads all lines of all bearings that `sensor` listens to, in the squared envelope of its
@@ -127,7 +130,8 @@ impl<'m> LineReader<'m> {
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
         for band in bands::demodulation_bands(usable, min_width) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
-            let Some((depth, bin_hz, mean_square)) = depth_spectrum(source, n, rate, band, cache)
+            let Some((depth, bin_hz, mean_square)) =
+                self.depth_spectrum(source, (n, rate), band, cache)
             else {
                 continue;
             };
@@ -191,6 +195,30 @@ impl<'m> LineReader<'m> {
             }
         }
         found
+    }
+
+    /// Modulation-depth spectrum of one band: depths, bin spacing, mean of the squared envelope.
+    fn depth_spectrum(
+        &mut self,
+        x_hat: &[Complex<f32>],
+        (n, rate): (usize, Hz),
+        band: Band,
+        cache: &mut FftCache<f32>,
+    ) -> Option<(Vec<f32>, f64, f64)> {
+        let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0)?;
+        let bins = bins.start.max(1)..bins.end;
+        if bins.is_empty() {
+            return None;
+        }
+        let mut squared = SquaredEnvelopePlan::new(n, bins, cache);
+        let mut e2 = vec![0.0_f32; squared.out_len()];
+        squared.process(x_hat, &mut e2);
+        let length = e2.len();
+        let plan =
+            self.spectra.entry(length).or_insert_with(|| EnvelopeSpectrumPlan::new(length, cache));
+        let mut depth = vec![0.0_f32; plan.n_bins()];
+        let mean_square = plan.process(&e2, &mut depth)?;
+        Some((depth, plan.bin_width_hz(squared.out_rate_hz(rate.0)), mean_square))
     }
 
     /// The bearings a sensor is asked about: its own; or, for a sensor elsewhere, those on its shaft
@@ -296,26 +324,4 @@ fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
 pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
     let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
     supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
-}
-
-/// Modulation-depth spectrum of one band: depths, bin spacing, mean of the squared envelope.
-fn depth_spectrum(
-    x_hat: &[Complex<f32>],
-    n: usize,
-    rate: Hz,
-    band: Band,
-    cache: &mut FftCache<f32>,
-) -> Option<(Vec<f32>, f64, f64)> {
-    let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0)?;
-    let bins = bins.start.max(1)..bins.end;
-    if bins.is_empty() {
-        return None;
-    }
-    let mut squared = SquaredEnvelopePlan::new(n, bins, cache);
-    let mut e2 = vec![0.0_f32; squared.out_len()];
-    squared.process(x_hat, &mut e2);
-    let mut plan = EnvelopeSpectrumPlan::new(e2.len(), cache);
-    let mut depth = vec![0.0_f32; plan.n_bins()];
-    let mean_square = plan.process(&e2, &mut depth)?;
-    Some((depth, plan.bin_width_hz(squared.out_rate_hz(rate.0)), mean_square))
 }

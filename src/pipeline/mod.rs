@@ -330,11 +330,23 @@ impl Monitor {
         }
     }
 
-    /// Adds counts, unit conflicts and absent channels.
-    fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
+    /// A verdict with the counts of now: samples may be rejected after its window was judged.
+    #[must_use]
+    pub fn recounted(&self, diagnosis: &Diagnosis) -> Diagnosis {
+        let mut now = diagnosis.clone();
+        self.count(&mut now);
+        now
+    }
+
+    fn count(&self, diagnosis: &mut Diagnosis) {
         diagnosis.samples_rejected = self.rejected.iter().map(|(_, n)| n).sum();
         diagnosis.rejected_because =
             self.rejected.iter().map(|(why, n)| format!("{n} samples: {why}")).collect();
+    }
+
+    /// Adds counts, unit conflicts and absent channels.
+    fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
+        self.count(diagnosis);
         let sensors = self.machine.sensors.iter().zip(self.extractor.channel_of_sensor());
         for (sensor, channel) in sensors {
             match channel {

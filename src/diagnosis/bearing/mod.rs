@@ -173,7 +173,7 @@ fn accuse(
             .collect();
     } else if let Some(rival) = rival {
         verdict.state = State::Warning;
-        verdict.severity = Some(severity.min(severity::DAMAGED - 1e-6));
+        verdict.severity = Some(severity::not_damaged(severity));
         verdict.confidence = Some(0.7 * features.speed.confidence);
         verdict.why = format!(
             "lines of several elements: {} and {}; none leads by 6 dB, cause not proven",
@@ -271,8 +271,12 @@ fn acquit(
         return;
     }
     verdict.state = State::Healthy;
-    verdict.severity = Some(severity::of_depth(strongest).min(severity::WARNING - 1e-6));
-    verdict.confidence = Some(0.9 * (0.5 + 0.5 * features.speed.confidence));
+    verdict.severity = Some(severity::not_accused(severity::of_depth(strongest)));
+    // A line of some depth in some bands leaves doubt, the more of both.
+    let doubt = |c: &Candidate<'_>| c.part() * (c.depth() / severity::WARNING_DEPTH).min(1.0);
+    let doubt = candidates.iter().map(doubt).fold(0.0, f64::max);
+    let speed = 0.5 + 0.5 * features.speed.confidence;
+    verdict.confidence = Some(0.9 * speed * (1.0 - 0.5 * doubt));
     verdict.why = match candidates
         .iter()
         .filter(|c| c.n_showing > 0)

@@ -83,7 +83,7 @@ fn accuse(
 fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &WindowFeatures) {
     verdict.state = State::Healthy;
     verdict.severity =
-        Some(severity::of_ratio(ratio, UP_RATIO, DAMAGED_RATIO).min(severity::WARNING - 1e-6));
+        Some(severity::not_accused(severity::of_ratio(ratio, UP_RATIO, DAMAGED_RATIO)));
     verdict.confidence = Some(0.85 * (0.5 + 0.5 * features.speed.confidence));
     verdict.why = why;
 }
