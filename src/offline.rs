@@ -211,7 +211,9 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
         hop_s: window_s,
         ring_s: 2.0 * window_s,
         baseline: reference.baseline.clone(),
-        provisional_windows: provisional.filter(|_| none_given).map(|n| n.div_ceil(10)),
+        provisional_segments: provisional
+            .filter(|_| none_given)
+            .and_then(|n| u32::try_from(n.div_ceil(10)).ok()),
         alarms: crate::pipeline::Settings::default().alarms,
     }
 }

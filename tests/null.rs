@@ -176,7 +176,7 @@ impl Bench {
     fn measure(&mut self, kind: Kind, seed: u64) -> WindowFeatures {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let samples = [kind.channel(&mut random), kind.channel(&mut random)];
-        let window = |samples| Some(ChannelWindow { start: 0, samples });
+        let window = |samples| Some(ChannelWindow { start: 0, time_s: 0.0, samples });
         let channels = samples.iter().map(|samples| window(&samples[..])).collect();
         self.extractor.extract(&Window { time_s: (0.0, N_SAMPLES as f64 / RATE_HZ), channels })
     }
@@ -188,6 +188,7 @@ impl Bench {
             channels: &self.channels,
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline,
+            offered_baselines: 1,
         };
         let verdicts = diagnosis::assess(features, &context);
         let accused = verdicts.iter().filter(|c| c.state.is_accusation());

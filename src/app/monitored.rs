@@ -240,6 +240,9 @@ impl Monitored {
 
     fn note_source(&mut self, state: SourceState) {
         let machine = &self.machine.id;
+        if matches!(self.source, SourceState::Failed(_)) {
+            return;
+        }
         match &state {
             SourceState::Starting => {}
             SourceState::Running => tracing::info!(machine, "source is running"),

@@ -27,6 +27,9 @@ const CHANNELS_MAX: usize = 1024;
 /// Segments of a capture at most.
 const SEGMENTS_MAX: usize = 1_000_000;
 
+/// Shaft speeds that make sense, Hz: up to this, as in machine files.
+const MAX_SPEED_HZ: f64 = 10_000.0;
+
 /// Sample rates that make sense, Hz.
 const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
 
@@ -129,8 +132,8 @@ impl Layout<'_> {
             }
         }
         let shaft_speed = self.root_number(attributes, "shaft_speed_hz")?;
-        if let Some(speed) = shaft_speed.filter(|speed| !(0.0..=RATE_RANGE_HZ.1).contains(speed)) {
-            let expected = "a frequency in Hz, 0 for standstill".into();
+        if let Some(speed) = shaft_speed.filter(|speed| !(0.0..=MAX_SPEED_HZ).contains(speed)) {
+            let expected = format!("Hz, 0 (standstill) to {MAX_SPEED_HZ}");
             return Err(self.checks.attribute_error(
                 "/",
                 "shaft_speed_hz",

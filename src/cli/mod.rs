@@ -133,11 +133,14 @@ pub fn tell_lines(mistakes: &dyn Error) {
     let _no_stderr = writeln!(io::stderr(), "{mistakes}");
 }
 
-/// Reads a number above 0, of what an option says it is.
+/// Largest number an option takes, Hz: ten times the fastest machines.
+const MAX_HZ: f64 = 10_000.0;
+
+/// Reads a frequency in Hz, above 0.
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(number) if number.is_finite() && number > 0.0 => Ok(number),
-        Ok(_) | Err(_) => Err("not a number above 0".to_owned()),
+        Ok(number) if number > 0.0 && number <= MAX_HZ => Ok(number),
+        Ok(_) | Err(_) => Err(format!("not a number above 0 and up to {MAX_HZ}")),
     }
 }
 

@@ -35,6 +35,8 @@ const PERSISTENCE: usize = 3;
 pub struct Judged {
     /// Start and end, s of stream time.
     pub time_s: (f64, f64),
+    /// Segment of the stream it lies in.
+    pub segment: u32,
     /// Verdicts.
     pub components: Vec<ComponentDiagnosis>,
     /// Speed of the first shaft.
@@ -61,6 +63,7 @@ pub struct Judged {
 #[must_use]
 pub fn judge_window(
     features: &WindowFeatures,
+    segment: u32,
     context: &Context<'_>,
     baselines: Vec<BaselineUse>,
 ) -> Judged {
@@ -87,6 +90,7 @@ pub fn judge_window(
         .collect();
     Judged {
         time_s: features.time_s,
+        segment,
         components,
         speed: features.speed.first,
         speed_source: features.speed.source,
@@ -138,14 +142,13 @@ fn operating_state(features: &WindowFeatures, context: &Context<'_>) -> Operatin
 #[must_use]
 pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
     let newest = windows.last()?;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a small part of a length"
-    )]
-    let last_part = (windows.len() as f64 * LAST_PART).ceil() as usize;
-    let n_last = last_part.max(FEWEST_WINDOWS).min(windows.len());
-    let last = &windows[windows.len() - n_last..];
+    let last = match newest.operating_state {
+        // What ran before says nothing of a machine that stands still.
+        OperatingState::Stopped => std::slice::from_ref(newest),
+        OperatingState::Running | OperatingState::Transient | OperatingState::Unknown => {
+            last_part(windows)
+        }
+    };
     let mut diagnosis = of_window(machine, newest);
     diagnosis.components = merge_components(last);
     diagnosis.state = whole_state(&diagnosis.components);
@@ -153,13 +156,46 @@ pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
     diagnosis.warnings = windows.iter().flat_map(|w| w.notes.clone()).collect();
     diagnosis.warnings.sort();
     diagnosis.warnings.dedup();
-    diagnosis.duration_s = windows.iter().map(|w| w.time_s.1 - w.time_s.0).sum();
+    diagnosis.duration_s = covered_s(windows);
     diagnosis.samples_used = samples_used(windows);
     diagnosis.data_quality = last.iter().map(|w| w.data_quality).max().unwrap_or(DataQuality::Bad);
     diagnosis.timeline = (windows.len() > 1).then(|| timeline(windows));
     diagnosis.first_warning_s = first_persistent(windows, State::Warning);
     diagnosis.first_damaged_s = first_persistent(windows, State::Damaged);
     Some(diagnosis)
+}
+
+/// The windows of the last 5 % of segments, at least 3; of the last 5 % of windows where there is one
+/// segment only.
+fn last_part(windows: &[Judged]) -> &[Judged] {
+    let mut segments: Vec<u32> = windows.iter().map(|w| w.segment).collect();
+    segments.dedup();
+    let several = segments.len() > 1;
+    let n = if several { segments.len() } else { windows.len() };
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a small part of a length"
+    )]
+    let n_last = ((n as f64 * LAST_PART).ceil() as usize).max(FEWEST_WINDOWS).min(n);
+    let n_windows = if several {
+        let first = segments[n - n_last];
+        windows.iter().rev().take_while(|w| w.segment >= first).count()
+    } else {
+        n_last
+    };
+    &windows[windows.len() - n_windows..]
+}
+
+/// Stream time covered, each second once though windows may overlap.
+fn covered_s(windows: &[Judged]) -> f64 {
+    let mut reached = f64::NEG_INFINITY;
+    let mut total = 0.0;
+    for (start, end) in windows.iter().map(|w| w.time_s) {
+        total += (end - start.max(reached)).max(0.0);
+        reached = reached.max(end);
+    }
+    total
 }
 
 /// Makes the document of one window.
@@ -324,6 +360,7 @@ mod tests {
     fn window(i: usize, state: State) -> Judged {
         Judged {
             time_s: (i as f64, i as f64 + 1.0),
+            segment: 0,
             components: vec![part(state)],
             speed: Some(Hz(10.0)),
             speed_source: Some(SpeedSource::Capture),

@@ -137,6 +137,8 @@ pub struct LineSearch {
     pub expected: Hz,
     /// Speed of the bearing's shaft.
     pub shaft_speed: Hz,
+    /// Spacing of the line's side bands.
+    pub side_band_spacing: Hz,
     /// Smallest distance at which two lines can be told apart, Hz.
     pub resolution: Hz,
     /// First sample and one past the last.

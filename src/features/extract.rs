@@ -57,7 +57,7 @@ struct Trace<'a> {
     /// Newest samples of a length that transforms fast.
     samples: &'a [f32],
     /// All samples of the window.
-    all: &'a [f32],
+    all: ChannelWindow<'a>,
     range: (u64, u64),
     moments: Moments,
     x_hat: Vec<Complex<f32>>,
@@ -193,14 +193,10 @@ impl Extractor {
         let mut traces = Vec::new();
         for reading in sensors {
             let sensor = &self.machine.sensors[reading.sensor];
-            let dead = matches!(
-                reading.flaw,
-                Some(sensor::SensorFlaw::Dead | sensor::SensorFlaw::Stuck { .. })
-            );
             let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else {
                 continue;
             };
-            if dead || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
+            if reading.flaw.is_some() || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
@@ -216,7 +212,7 @@ impl Extractor {
                 sensor: reading.sensor,
                 channel: reading.channel,
                 samples,
-                all: run.samples,
+                all: run,
                 range: range_of(run),
                 moments,
                 x_hat,
@@ -479,7 +475,8 @@ fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Inpu
         .map(|t| gear::Input {
             sensor: t.sensor,
             channel: t.channel,
-            samples: t.all,
+            time_s: t.all.time_s,
+            samples: t.all.samples,
             range: t.range,
         })
         .collect()

@@ -25,6 +25,8 @@ pub struct Input<'a> {
     pub sensor: usize,
     /// Its channel.
     pub channel: ChannelIndex,
+    /// Stream time of the first sample, s.
+    pub time_s: f64,
     /// All samples of the window.
     pub samples: &'a [f32],
     /// First sample and one past the last.
@@ -88,9 +90,11 @@ pub fn read(
                 continue;
             }
             done.push(ratio);
-            let Some((track, has_angle)) = track(speed, ratio, first.0) else { continue };
+            let Some((track, marked_s)) = track(speed, ratio, first.0) else { continue };
             for input in inputs {
                 let rate = channels[input.channel.0].sample_rate.0;
+                // The track counts from the tacho's first sample: another start turns the average.
+                let has_angle = marked_s.is_some_and(|s| (s - input.time_s).abs() < 0.6 / rate);
                 let usable = super::bands::usable_band(
                     &machine.sensors[input.sensor],
                     channels[input.channel.0].sample_rate,
@@ -114,14 +118,15 @@ pub fn read(
     found
 }
 
-/// The angle of a shaft: by tacho when it sits on a shaft of the same speed, else constant.
-fn track(speed: &Speed, ratio: f64, first_hz: f64) -> Option<(PhaseTrack, bool)> {
+/// The angle of a shaft: by tacho when it sits on a shaft of the same speed, else constant; with the
+/// stream time from which a mark on the shaft counts, if one does.
+fn track(speed: &Speed, ratio: f64, first_hz: f64) -> Option<(PhaseTrack, Option<f64>)> {
     if let Some(phase) = speed.phase.as_ref().filter(|_| (ratio - 1.0).abs() < 1e-9) {
-        return Some((phase.clone(), true));
+        return Some((phase.track.clone(), phase.is_marked.then_some(phase.start_s)));
     }
     let steady = speed.confidence >= MIN_CONFIDENCE_WITHOUT_TACHO && speed.excursion < 1e-3;
     let constant = PhaseTrack::constant(first_hz * ratio)?;
-    steady.then_some((constant, false))
+    steady.then_some((constant, None))
 }
 
 /// One average to make.
@@ -183,6 +188,7 @@ fn zero_crossing_deg(y: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::dsp::real::Real;
+    use crate::features::speed::Phase;
     use crate::features::speed::SpeedSource;
     use crate::machine::file;
     use crate::units::Hz;
@@ -224,10 +230,20 @@ mod tests {
             source: Some(SpeedSource::Tacho),
             confidence: 1.0,
             excursion: 0.0,
-            phase: PhaseTrack::from_pulses(&pulses, 1),
+            phase: PhaseTrack::from_pulses(&pulses, 1).map(|track| Phase {
+                track,
+                start_s: 0.0,
+                is_marked: true,
+            }),
             notes: Vec::new(),
         };
-        let input = Input { sensor: 0, channel: ChannelIndex(0), samples: x, range: (0, 100_000) };
+        let input = Input {
+            sensor: 0,
+            channel: ChannelIndex(0),
+            time_s: 0.0,
+            samples: x,
+            range: (0, 100_000),
+        };
         let mut found = read(&machine, &[channel], &speed, &[input]);
         assert_eq!(found.len(), 1, "a 1 : 1 pair is averaged once");
         found.remove(0)

@@ -99,6 +99,7 @@ impl<'m> LineReader<'m> {
                 line: target.line,
                 expected: target.expected,
                 shaft_speed: target.shaft_speed,
+                side_band_spacing: target.side_band_spacing,
                 resolution: Hz(HANN_LOBE / duration_s),
                 sample_range: heard.2,
                 outcome: blocked.map_or(Ok(Vec::new()), Err),

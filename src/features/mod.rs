@@ -57,6 +57,8 @@ impl ChannelFeatures {
 pub struct ChannelWindow<'a> {
     /// Index of the first sample.
     pub start: u64,
+    /// Stream time of the first sample, s.
+    pub time_s: f64,
     /// Samples, canonical unit, channel offset left out.
     pub samples: &'a [f32],
 }

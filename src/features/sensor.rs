@@ -39,12 +39,14 @@ pub struct SensorReading {
 /// that resolves a vibration the signal crosses a quantisation step far more often.
 const STUCK_PART: f64 = 0.05;
 
-/// Clipping cuts the crest: at least this many samples and this part of the window sit at an
-/// extreme, in runs. A Gaussian or sinusoidal record has one sample there, rarely two.
+/// Clipping cuts the crest: at least this many samples and this part of the window lie there.
 const CLIPPED_MIN_SAMPLES: usize = 8;
 
 /// See [`CLIPPED_MIN_SAMPLES`].
 const CLIPPED_PART: f64 = 1e-4;
+
+/// See [`held_extreme`].
+const HELD: usize = 8;
 
 /// Looks for a flaw; `full_scale` are the ends of an integer source's range.
 #[must_use]
@@ -79,46 +81,32 @@ fn longest_run(x: &[f32]) -> usize {
     longest
 }
 
-/// Samples that sit in runs (two or more neighbours) at an extreme of the record which is beyond
-/// three standard deviations, or at the end of the number range.
+/// Samples that lie at an end of the number range, or at an extreme that is held as a cut holds it.
 fn clipped_samples(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>) -> usize {
-    let at_end = |value: f32| match full_scale {
-        Some((low, high)) => value <= low || value >= high,
-        None => false,
-    };
-    let low = moments.min;
-    let high = moments.max;
-    let at_extreme = |value: f32| {
-        let wide = f64::from(value);
-        (wide - low).abs() <= f64::EPSILON * low.abs()
-            || (high - wide).abs() <= f64::EPSILON * high.abs()
-    };
-    // A coarsely quantised quiet signal also repeats its extremes: what counts as a cut is a level
-    // held by neighbours more often than the next inner level is crossed, so both must be runs.
-    let pairs =
-        x.windows(2).filter(|p| at_extreme(p[0]) && p[0].to_bits() == p[1].to_bits()).count();
-    let levels = distinct_levels_below(x, 64);
-    if levels {
-        return x.iter().filter(|v| at_end(**v)).count();
-    }
-    pairs + x.iter().filter(|v| at_end(**v)).count()
+    let at_end = |value: f32| full_scale.is_some_and(|(low, high)| value <= low || value >= high);
+    let at_range = x.iter().filter(|v| at_end(**v)).count();
+    let up = held_extreme(x.iter().map(|v| f64::from(*v)), moments.max);
+    let down = held_extreme(x.iter().map(|v| -f64::from(*v)), -moments.min);
+    at_range.max(up + down)
 }
 
-/// Whether the record holds fewer than `limit` different values (a coarse quantiser).
-fn distinct_levels_below(x: &[f32], limit: usize) -> bool {
-    let mut seen = std::collections::BTreeSet::new();
+/// Number of samples at the extreme `top` if it is a cut: it holds eight times what the next lower
+/// value holds. The crest of a quantised sine holds 2.4 times (levels crossed as √2 − 1), that of
+/// noise less.
+fn held_extreme(x: impl Iterator<Item = f64> + Clone, top: f64) -> usize {
+    let next = x.clone().filter(|v| *v < top).fold(f64::NEG_INFINITY, f64::max);
+    let (mut at_top, mut at_next) = (0_usize, 0_usize);
     for value in x {
-        seen.insert(value.to_bits());
-        if seen.len() >= limit {
-            return false;
-        }
+        at_top += usize::from(value >= top);
+        at_next += usize::from(value < top && value >= next);
     }
-    true
+    if at_top >= CLIPPED_MIN_SAMPLES && at_top >= HELD * at_next { at_top } else { 0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dsp::real::Real;
 
     fn flaw(x: &[f32]) -> Option<SensorFlaw> {
         find_flaw(x, &Moments::of(x), None)
@@ -152,6 +140,19 @@ mod tests {
     fn a_coarse_quantiser_is_not_clipped() {
         let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 8.0).round() / 8.0).collect();
         assert_eq!(flaw(&coarse), None);
+    }
+
+    #[test]
+    fn a_clean_slow_sine_is_not_clipped() {
+        // 2 Hz at 20 kHz: neighbours at the crest round to the same f32.
+        let slow = |scale: f64| {
+            let sine = |i: u32| scale * (f64::from(i) * std::f64::consts::TAU * 1e-4).sin();
+            (0..240_000).map(sine).collect::<Vec<f64>>()
+        };
+        let fine: Vec<f32> = slow(1.0).iter().map(|v| f32::rounded(*v)).collect();
+        assert_eq!(flaw(&fine), None);
+        let counts: Vec<f32> = slow(9000.0).iter().map(|v| f32::rounded(v.round())).collect();
+        assert_eq!(find_flaw(&counts, &Moments::of(&counts), Some((-32_768.0, 32_767.0))), None);
     }
 
     #[test]

@@ -52,6 +52,17 @@ pub struct SpeedHints {
     pub capture: Option<Hz>,
 }
 
+/// The angle of the first shaft over a window.
+#[derive(Debug, Clone)]
+pub struct Phase {
+    /// Revolutions over time from the tacho's first sample.
+    pub track: PhaseTrack,
+    /// Stream time of that sample, s.
+    pub start_s: f64,
+    /// Whether revolution 0 is a mark on the shaft: one pulse a revolution.
+    pub is_marked: bool,
+}
+
 /// The speed of a window.
 #[derive(Debug, Clone)]
 pub struct Speed {
@@ -64,7 +75,7 @@ pub struct Speed {
     /// (max − min)/mean of the speed within the window; 0 where only a mean is known.
     pub excursion: f64,
     /// Angle of the first shaft, when a tacho gives it.
-    pub phase: Option<PhaseTrack>,
+    pub phase: Option<Phase>,
     /// Things the user should know.
     pub notes: Vec<String>,
 }
@@ -121,17 +132,19 @@ pub struct Peak {
 pub fn peaks(x_hat: &[Complex<f32>], n: usize, sample_rate: Hz, top: Hz, block: Hz) -> Vec<Peak> {
     let bin_hz = sample_rate.0 / n as f64;
     let last = floor_index((top.0 / bin_hz).ceil()).min(x_hat.len().saturating_sub(2));
-    let width = floor_index((block.0 / bin_hz).ceil()).max(16);
-    let amplitude: Vec<f64> = (0..=last + width).map(|k| hann_magnitude(x_hat, k)).collect();
+    let width = floor_index((block.0 / bin_hz).ceil()).clamp(16, x_hat.len().max(16));
+    let amplitude: Vec<f64> = (0..=last).map(|k| hann_magnitude(x_hat, k)).collect();
+    let medians: Vec<Option<f64>> = amplitude
+        .chunks(2 * width)
+        .map(|block| stats::median(&mut block.to_vec()).filter(|m| *m > 0.0))
+        .collect();
     let mut found = Vec::new();
     for k in 2..last {
         let a = amplitude[k];
         if a <= amplitude[k - 1] || a < amplitude[k + 1] {
             continue;
         }
-        let low = k.saturating_sub(width).max(1);
-        let mut around: Vec<f64> = amplitude[low..=(k + width).min(amplitude.len() - 1)].to_vec();
-        let Some(median) = stats::median(&mut around).filter(|m| *m > 0.0) else { continue };
+        let Some(median) = medians[k / (2 * width)] else { continue };
         let power_ratio = (a / median).powi(2) * std::f64::consts::LN_2;
         if power_ratio < PEAK_POWER_RATIO {
             continue;

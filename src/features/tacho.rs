@@ -1,7 +1,9 @@
 //! Measured speed: tacho pulses and speed channels; and the notes when speeds disagree.
 
+use super::ChannelWindow;
 use super::Window;
 use super::sensor::SensorReading;
+use super::speed::Phase;
 use super::speed::Speed;
 use super::speed::SpeedSource;
 use crate::dsp::order::PhaseTrack;
@@ -14,6 +16,7 @@ use crate::machine::sensor::SensorKind;
 use crate::machine::sensor::TachoEdge;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
+use crate::units::Unit;
 
 /// Speeds that differ by more than this, relative, are reported.
 const DISAGREEMENT: f64 = 0.02;
@@ -33,12 +36,19 @@ pub fn measured_speed(
     let of_kind = |kind: SensorKind| {
         sensors.iter().filter(move |r| machine.sensors[r.sensor].kind == kind).filter_map(|r| {
             let run = window.channels.get(r.channel.0).copied().flatten()?;
-            Some((&machine.sensors[r.sensor], &channels[r.channel.0], run.samples))
+            Some((&machine.sensors[r.sensor], &channels[r.channel.0], run))
         })
     };
     let by_tacho = of_kind(SensorKind::Tacho).find_map(|(s, info, x)| tacho(machine, s, info, x));
-    by_tacho.or_else(|| {
-        of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x))
+    let measured = by_tacho.or_else(|| {
+        of_kind(SensorKind::Speed)
+            .find_map(|(s, info, x)| speed_channel(machine, s, info, x.samples))
+    });
+    // A tacho without pulses is a machine at rest or a lost sensor: a nominal speed would be a guess.
+    measured.or_else(|| {
+        let (_, info, _) = of_kind(SensorKind::Tacho).next()?;
+        let note = format!("tacho `{}` gives no pulses: machine stopped, or tacho lost", info.name);
+        Some(Speed { notes: vec![note], ..Speed::unknown() })
     })
 }
 
@@ -51,7 +61,13 @@ fn ratio(machine: &Machine, sensor: &Sensor) -> Option<f64> {
     shaft.ratio_to_first.filter(|r| *r > 0.0)
 }
 
-fn tacho(machine: &Machine, sensor: &Sensor, info: &ChannelInfo, x: &[f32]) -> Option<Speed> {
+fn tacho(
+    machine: &Machine,
+    sensor: &Sensor,
+    info: &ChannelInfo,
+    run: ChannelWindow<'_>,
+) -> Option<Speed> {
+    let x = run.samples;
     let mark = sensor.tacho?;
     let ratio = ratio(machine, sensor)?;
     let threshold = Threshold::of(x, &mut Vec::new())?;
@@ -80,12 +96,20 @@ fn tacho(machine: &Machine, sensor: &Sensor, info: &ChannelInfo, x: &[f32]) -> O
         ));
     }
     let bad = odd as f64 / times_s.len() as f64;
+    // A 0/1 waveform places an edge to a sample: so much of the excursion is the sampling's.
+    let quantisation = 2.0 * mean / info.sample_rate.0;
+    let excursion = (phase.relative_excursion().unwrap_or(0.0) - quantisation).max(0.0);
+    let same_shaft = (ratio - 1.0).abs() < 1e-9;
     Some(Speed {
         first: Some(Hz(mean / ratio)),
         source: Some(SpeedSource::Tacho),
         confidence: (1.0 - bad).max(0.5),
-        excursion: phase.relative_excursion().unwrap_or(0.0),
-        phase: ((ratio - 1.0).abs() < 1e-9).then_some(phase),
+        excursion,
+        phase: same_shaft.then_some(Phase {
+            track: phase,
+            start_s: run.time_s,
+            is_marked: mark.pulses_per_rev == 1,
+        }),
         notes,
     })
 }
@@ -97,7 +121,7 @@ fn speed_channel(
     x: &[f32],
 ) -> Option<Speed> {
     let ratio = ratio(machine, sensor)?;
-    if x.len() < MIN_PULSES {
+    if x.len() < MIN_PULSES || info.unit != Unit::Hertz {
         return None;
     }
     let moments = Moments::of(x);
@@ -129,4 +153,65 @@ pub fn disagreement(a_name: &str, a: Hz, b_name: &str, b: Hz) -> Option<String> 
     differ.then(|| {
         format!("{a_name} ({:.3} Hz) and {b_name} ({:.3} Hz) disagree by more than 2 %", a.0, b.0)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::file;
+    use crate::signal::ChannelIndex;
+
+    const MACHINE: &str = "[machine]\nid = \"m\"\nname = \"m\"\n[[shaft]]\nid = \"s\"\n\
+        speed_hz = 25.0\n[[sensor]]\nchannel = \"t\"\nkind = \"tacho\"\n\
+        [[sensor]]\nchannel = \"v\"\nkind = \"speed\"\n";
+
+    fn measured(channel: &str, unit: Unit, samples: &[f32], rate: f64) -> Option<Speed> {
+        let machine = file::parse(MACHINE, "m.toml").unwrap();
+        let sensor = machine.sensors.iter().position(|s| s.channel == channel).unwrap();
+        let info = ChannelInfo {
+            name: channel.to_owned(),
+            sample_rate: Hz(rate),
+            unit,
+            offset: 0.0,
+            unit_conflict: None,
+            full_scale: None,
+        };
+        let run = ChannelWindow { start: 0, time_s: 0.0, samples };
+        let end = samples.len() as f64 / rate;
+        let window = Window { time_s: (0.0, end), channels: vec![Some(run)] };
+        let reading = SensorReading {
+            sensor,
+            channel: ChannelIndex(0),
+            absent: None,
+            flaw: None,
+            sample_range: (0, samples.len() as u64),
+        };
+        measured_speed(&machine, &[info], &window, &[reading])
+    }
+
+    #[test]
+    fn a_logic_tacho_at_constant_speed_shows_no_excursion() {
+        // 24.7 Hz sampled at 2 kHz: edges fall on samples, single turns differ by 1.2 %.
+        let logic = |i: u32| if (f64::from(i) * 24.7 / 2000.0).fract() < 0.3 { 1.0 } else { 0.0 };
+        let samples: Vec<f32> = (0..20_000).map(logic).collect();
+        let speed = measured("t", Unit::Volt, &samples, 2000.0).unwrap();
+        // First and last edge are each known to a sample: 2/20 000 of the speed.
+        assert!((speed.first.unwrap().0 - 24.7).abs() < 3e-3);
+        assert!(speed.excursion < 1e-6, "{}", speed.excursion);
+        assert!(speed.phase.is_some_and(|phase| phase.is_marked));
+    }
+
+    #[test]
+    fn a_silent_tacho_gives_no_speed_and_says_so() {
+        let speed = measured("t", Unit::Volt, &[0.0; 5000], 1000.0).unwrap();
+        assert_eq!(speed.first, None, "the nominal 25 Hz would be a guess");
+        assert!(speed.notes[0].contains("no pulses"));
+    }
+
+    #[test]
+    fn a_speed_channel_counts_in_hertz_only() {
+        let speed = measured("v", Unit::Hertz, &[29.5; 100], 100.0).unwrap();
+        assert_eq!(speed.first, Some(Hz(29.5)));
+        assert!(measured("v", Unit::Volt, &[2.5; 100], 100.0).is_none());
+    }
 }

@@ -43,8 +43,8 @@ pub struct Settings {
     pub ring_s: f64,
     /// Healthy reference records.
     pub baseline: Baseline,
-    /// Make a provisional baseline of the first so many windows, when there is no other.
-    pub provisional_windows: Option<usize>,
+    /// Make a provisional baseline of the first so many segments, when there is no other.
+    pub provisional_segments: Option<u32>,
     /// Alarm policy.
     pub alarms: crate::alarms::Settings,
 }
@@ -56,7 +56,7 @@ impl Default for Settings {
             hop_s: 5.0,
             ring_s: 30.0,
             baseline: Baseline::default(),
-            provisional_windows: None,
+            provisional_segments: None,
             alarms: crate::alarms::Settings::default(),
         }
     }
@@ -129,19 +129,20 @@ impl Monitor {
                 channels: list(channels.iter().map(|c| c.name.as_str()).collect()),
             });
         }
+        let settings = fitting(&channels, settings);
         let ring = |c: &ChannelInfo| {
-            Ring::new(c.sample_rate, ring_seconds(settings)).with_full_scale(c.full_scale)
+            Ring::new(c.sample_rate, settings.ring_s).with_full_scale(c.full_scale)
         };
         Ok(Self {
             rings: channels.iter().map(ring).collect(),
-            grid: grid(&channels, settings),
+            grid: WindowGrid::new(settings.window_s, settings.hop_s),
             segment: None,
             extractor,
             baseline: settings.baseline.clone(),
             provisional: Vec::new(),
             rejected: Vec::new(),
             alarms: AlarmEngine::new(settings.alarms.clone()),
-            settings: settings.clone(),
+            settings,
             machine,
             channels,
         })
@@ -150,12 +151,16 @@ impl Monitor {
     /// Gives the bytes the rings of a stream of `channels` need.
     #[must_use]
     pub fn ring_bytes(channels: &[ChannelInfo], settings: &Settings) -> usize {
-        channels.iter().map(|c| Ring::bytes(c.sample_rate, ring_seconds(settings))).sum()
+        let seconds = fitting(channels, settings).ring_s;
+        channels.iter().map(|c| Ring::bytes(c.sample_rate, seconds)).sum()
     }
 
     /// Takes one block in and calls `emit` for every window it completes.
     pub fn step(&mut self, block: &Block, emit: &mut dyn FnMut(Outcome)) {
-        if self.segment.is_some_and(|segment| segment != block.segment) {
+        let (_, fastest) = self.reached();
+        let other_segment = self.segment.is_some_and(|segment| segment != block.segment);
+        // A hole longer than a window ends the run: no windows are laid over nothing.
+        if other_segment || block.time_s > fastest + self.settings.window_s {
             self.finish(emit);
         }
         self.segment = Some(block.segment);
@@ -247,12 +252,10 @@ impl Monitor {
 
     /// Copies a window out of the rings, measures and judges it.
     fn judge(&mut self, time_s: (f64, f64)) -> Outcome {
-        let copies: Vec<Option<(u64, Vec<f32>)>> =
+        self.make_provisional();
+        let copies: Vec<Option<Copied>> =
             (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
-        let channels = copies
-            .iter()
-            .map(|c| c.as_ref().map(|(start, samples)| ChannelWindow { start: *start, samples }))
-            .collect();
+        let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
         let features = self.extractor.extract(&Window { time_s, channels });
         let (baseline, uses) = self.baseline.at_speed(features.speed.first);
         let context = Context {
@@ -260,8 +263,9 @@ impl Monitor {
             channels: &self.channels,
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline: &baseline,
+            offered_baselines: uses.len(),
         };
-        let judged = summary::judge_window(&features, &context, uses);
+        let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
         let mut diagnosis = summary::of_window(&self.machine.id, &judged);
         self.add_stream_facts(&mut diagnosis);
         let alarm_events = self.alarms.observe(&diagnosis, time_s.1);
@@ -282,7 +286,7 @@ impl Monitor {
     }
 
     /// Copies the contiguous samples of a channel in a window: all of it, or the longest half.
-    fn copy_window(&self, channel: usize, (start_s, end_s): (f64, f64)) -> Option<(u64, Vec<f32>)> {
+    fn copy_window(&self, channel: usize, (start_s, end_s): (f64, f64)) -> Option<Copied> {
         let ring = &self.rings[channel];
         let rate = self.channels[channel].sample_rate.0;
         #[expect(
@@ -290,14 +294,23 @@ impl Monitor {
             clippy::cast_sign_loss,
             reason = "float to int casts saturate"
         )]
-        let wanted = ((end_s - start_s) * rate).round() as usize;
+        let wanted = (((end_s - start_s) * rate).round() as usize).max(1);
         // Half a sample of slack against the rounding of index/rate.
         let end = ring.end_at(end_s + 0.25 / rate)?;
-        if ring.segment_of(SampleIndex(end.0.checked_sub(1)?)) != self.segment {
+        let last = SampleIndex(end.0.checked_sub(1)?);
+        if ring.segment_of(last) != self.segment {
             return None;
         }
-        let floor = end.0.saturating_sub(wanted as u64);
-        let (mut start, mut n) = ring.contiguous_before(end, wanted);
+        // A channel that ended early holds older samples: those before the window do not count.
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "float to int casts saturate"
+        )]
+        let held = ((ring.time_of(last)? - start_s) * rate + 1.25).max(0.0) as usize;
+        let held = held.min(wanted);
+        let floor = end.0.saturating_sub(held as u64);
+        let (mut start, mut n) = ring.contiguous_before(end, held);
         if 2 * n < wanted && start.0 > floor {
             let before = ring.newest_before(start).unwrap_or(start);
             let room = usize::try_from(before.0.saturating_sub(floor)).unwrap_or(0);
@@ -309,25 +322,31 @@ impl Monitor {
         if n == 0 || 2 * n < wanted {
             return None;
         }
+        let time_s = ring.time_of(start)?;
         let mut samples = vec![0.0_f32; n];
-        ring.copy(start, &mut samples).then_some((start.0, samples))
+        ring.copy(start, &mut samples).then_some(Copied { start: start.0, time_s, samples })
     }
 
-    /// Collects the first windows and turns them into the provisional baseline.
+    /// Collects the windows of the first segments; a provisional baseline is made of them when the
+    /// next segment is judged.
     fn learn_provisional(&mut self, features: (Option<Hz>, Vec<ChannelFeatures>)) {
-        let Some(n) = self.settings.provisional_windows else { return };
-        if !self.baseline.records.is_empty() || self.provisional.len() >= n {
+        let first = self.settings.provisional_segments.filter(|_| self.baseline.records.is_empty());
+        if first.is_some_and(|n| self.segment.is_some_and(|segment| segment < n)) {
+            self.provisional.push(features);
+        }
+    }
+
+    fn make_provisional(&mut self) {
+        let Some(n) = self.settings.provisional_segments else { return };
+        let ready = self.segment.is_some_and(|s| s >= n) && !self.provisional.is_empty();
+        if !ready || !self.baseline.records.is_empty() {
             return;
         }
-        self.provisional.push(features);
-        if self.provisional.len() == n {
-            let windows = self.provisional.iter();
-            let record =
-                |w| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
-            self.baseline = Baseline { records: windows.map(record).collect(), provisional: true };
-            self.provisional.clear();
-            self.settings.provisional_windows = None;
-        }
+        let record =
+            |w| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
+        let records = self.provisional.iter().map(record).collect();
+        self.baseline = Baseline { records, provisional: true };
+        self.provisional.clear();
     }
 
     /// A verdict with the counts of now: samples may be rejected after its window was judged.
@@ -372,17 +391,28 @@ impl Monitor {
     }
 }
 
-/// Lays windows as asked, but never shorter than a few samples of the fastest channel: a capture
-/// may declare any rate.
-fn grid(channels: &[ChannelInfo], settings: &Settings) -> WindowGrid {
-    let fastest = channels.iter().map(|c| c.sample_rate.0).fold(0.0, f64::max);
-    let shortest_s = MIN_WINDOW_SAMPLES / fastest.max(f64::MIN_POSITIVE);
-    WindowGrid::new(settings.window_s.max(shortest_s), settings.hop_s.max(shortest_s))
+/// The samples of one channel in a window.
+struct Copied {
+    start: u64,
+    time_s: f64,
+    samples: Vec<f32>,
 }
 
-/// History a ring must keep: what was asked for, a window and a hop at least.
-fn ring_seconds(settings: &Settings) -> f64 {
-    settings.ring_s.max(settings.window_s + settings.hop_s)
+impl Copied {
+    fn window(&self) -> ChannelWindow<'_> {
+        ChannelWindow { start: self.start, time_s: self.time_s, samples: &self.samples }
+    }
+}
+
+/// Settings with windows never shorter than a few samples of the fastest channel (a capture may
+/// declare any rate), and a history of a window and a hop at least.
+fn fitting(channels: &[ChannelInfo], settings: &Settings) -> Settings {
+    let fastest = channels.iter().map(|c| c.sample_rate.0).fold(0.0, f64::max);
+    let shortest_s = MIN_WINDOW_SAMPLES / fastest.max(f64::MIN_POSITIVE);
+    let window_s = settings.window_s.max(shortest_s);
+    let hop_s = settings.hop_s.max(shortest_s);
+    let ring_s = settings.ring_s.max(window_s + hop_s);
+    Settings { window_s, hop_s, ring_s, ..settings.clone() }
 }
 
 #[cfg(test)]

@@ -155,6 +155,31 @@ fn a_new_segment_starts_new_windows() {
 }
 
 #[test]
+fn a_channel_that_ended_early_is_absent_from_later_windows() {
+    let second = MACHINE.replace("channel = \"acc\"", "channel = \"late\"");
+    let sensor = &second[second.find("[[sensor]]").unwrap()..];
+    let machine = Arc::new(file::parse(&format!("{MACHINE}{sensor}"), "m.toml").unwrap());
+    let channels = vec![channel("acc"), channel("late")];
+    let settings = Settings::default();
+    let hints = SpeedHints::default();
+    let mut monitor = Monitor::new(machine, channels, hints, &settings).unwrap();
+    let x = signal(150_000);
+    let mut outcomes = Vec::new();
+    for block in blocks(&x, 0..150_000, 5000) {
+        if block.start.0 < 50_000 {
+            let other = Block { channel: ChannelIndex(1), ..block.clone() };
+            monitor.step(&other, &mut |o| outcomes.push(o));
+        }
+        monitor.step(&block, &mut |o| outcomes.push(o));
+    }
+    monitor.finish(&mut |o| outcomes.push(o));
+    let newest = outcomes.last().unwrap();
+    assert_eq!(newest.time_s, (20.0, 30.0));
+    let used: Vec<&str> = newest.judged.sample_ranges.iter().map(|r| r.0.as_str()).collect();
+    assert_eq!(used, ["acc"], "samples of the first ten seconds are not those of the last");
+}
+
+#[test]
 fn rejected_samples_are_told_with_their_reason() {
     let x = signal(30_000);
     let mut monitor = monitor();
@@ -172,7 +197,7 @@ fn rejected_samples_are_told_with_their_reason() {
 fn the_first_windows_become_the_provisional_baseline() {
     let quiet = signal(40_000);
     let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
-    let settings = Settings { provisional_windows: Some(6), ..Settings::default() };
+    let settings = Settings { provisional_segments: Some(6), ..Settings::default() };
     let mut monitor =
         Monitor::new(machine, vec![channel("acc")], SpeedHints::default(), &settings).unwrap();
     let mut outcomes = Vec::new();

@@ -136,12 +136,12 @@ pub(super) fn accept_among<'a>(
         let Some((candidate, best)) = next.as_ref().and_then(|c| c.best.map(|b| (c, b))) else {
             return;
         };
-        let search = heard_best(features, candidate, best.frequency);
+        let search = heard_best(features, candidate, best.frequency, accepted);
         accepted.push(Accepted {
             bearing: search.bearing,
             line: search.line,
             frequency: best.frequency,
-            spacing: search.shaft_speed,
+            spacing: search.side_band_spacing,
             search,
         });
     }
@@ -152,12 +152,14 @@ pub(super) fn heard_best<'a>(
     features: &'a WindowFeatures,
     candidate: &Candidate<'a>,
     frequency: Hz,
+    accepted: &[Accepted<'_>],
 ) -> &'a LineSearch {
     features
         .bearing_lines
         .iter()
         .filter(|s| s.line == candidate.search.line)
-        .map(|s| Candidate::weigh(s, &[], n_looks(features, s.bearing)))
+        .filter(|s| !accepted.iter().any(|a| (a.bearing, a.line) == (s.bearing, s.line)))
+        .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
         .filter(|c| c.is_proven())
         .filter(|c| {
             let near = c.search.resolution.0 + MATCH_TOLERANCE * frequency.0;

@@ -36,7 +36,7 @@ impl Grown<'_> {
     }
 }
 
-/// The line of `bearing` that has grown most, if it stands over the noise *and* over the baseline,
+/// The strongest line of `bearing` that has grown: it stands over the noise *and* over the baseline,
 /// and no line accepted elsewhere explains it.
 pub(super) fn strongest<'a>(
     bearing: BearingIndex,

@@ -73,6 +73,7 @@ fn judge_one(
     let proven: Vec<&Candidate<'_>> = own
         .iter()
         .filter_map(|a| candidates.iter().find(|c| std::ptr::eq(c.search, a.search)))
+        .filter(|c| c.is_proven())
         .collect();
     match proven.first() {
         Some(first) => accuse(&mut verdict, first, &proven[1..], &candidates, features, context),

@@ -19,17 +19,17 @@ use crate::machine::ShaftIndex;
 
 pub(super) fn judge_gear(
     gear: GearIndex,
-    signs: &[ShaftSigns],
+    all_signs: &[ShaftSigns],
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> ComponentDiagnosis {
     let id = &context.machine.gear(gear).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Gear, String::new());
-    if let Some(why) = cannot_look(features, context) {
-        verdict.why = why.replace("no proximity probe and no baseline", "no baseline");
+    if let Some(why) = cannot_look(features, context, "no baseline") {
+        verdict.why = why;
         return verdict;
     }
-    let local = signs
+    let local = all_signs
         .iter()
         .enumerate()
         .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
@@ -38,7 +38,7 @@ pub(super) fn judge_gear(
         .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio));
     let Some((shaft, signs, local)) = local else {
         verdict.why =
-            "no synchronous average: a tacho, or a speed confirmed by shaft harmonics, is needed"
+            "no synchronous average, here or in the baseline: a tacho, or a speed confirmed by shaft harmonics, is needed"
                 .to_owned();
         return verdict;
     };
@@ -49,6 +49,16 @@ pub(super) fn judge_gear(
         .collect();
     let cwt_up = signs.cwt.as_ref().is_some_and(Indicator::is_up);
     if !local.is_up() {
+        let described = context.machine.gear(gear);
+        let missing = [&described.driving, &described.driven].into_iter().find(|member| {
+            let of_member = &all_signs[member.shaft.0].local;
+            !of_member.iter().any(|(g, sign)| *g == gear && sign.is_some())
+        });
+        if let Some(member) = missing {
+            let id = &context.machine.shaft(member.shaft).id;
+            verdict.why = format!("the gear on {id} could not be averaged: its angle is not known");
+            return verdict;
+        }
         let why =
             format!("the localised difference signal is {:.2} times its baseline", local.ratio);
         acquit(&mut verdict, local.ratio, why, features);
@@ -62,7 +72,7 @@ pub(super) fn judge_gear(
         local.evidence.channel,
         if cwt_up { ", with 1× up" } else { ", 1× is not up: cause not proven" }
     );
-    verdict.gear = Some(finding(gear, shaft, features, context));
+    verdict.gear = Some(finding(gear, shaft, &local.evidence.channel, features, context));
     verdict
 }
 
@@ -70,6 +80,7 @@ pub(super) fn judge_gear(
 pub(super) fn finding(
     gear: GearIndex,
     shaft: ShaftIndex,
+    heard_in: &str,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> GearFinding {
@@ -84,6 +95,7 @@ pub(super) fn finding(
         .gears
         .iter()
         .filter(|r: &&GearReading| r.gear == gear && same_speed(r.shaft, shaft, context))
+        .filter(|r| context.channel_name(r.channel) == heard_in)
         .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude));
     let mut finding =
         GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };

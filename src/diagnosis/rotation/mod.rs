@@ -16,7 +16,6 @@ use super::verdict::ComponentDiagnosis;
 use crate::features::WindowFeatures;
 use crate::machine::GearIndex;
 use crate::machine::ShaftIndex;
-use crate::machine::sensor::SensorKind;
 use signs::Indicator;
 use signs::ShaftSigns;
 
@@ -44,25 +43,18 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
     verdicts
 }
 
-/// Why neither shaft nor gear can be judged, if so.
-fn cannot_look(features: &WindowFeatures, context: &Context<'_>) -> Option<String> {
+/// Why neither shaft nor gear can be judged, if so; `without`: what to say when no baseline was
+/// offered.
+fn cannot_look(features: &WindowFeatures, context: &Context<'_>, without: &str) -> Option<String> {
     if features.speed.first.is_none() {
         return Some("shaft speed is not known".to_owned());
     }
-    let probe = context
-        .machine
-        .sensors
-        .iter()
-        .zip(context.channel_of_sensor)
-        .any(|(s, channel)| s.kind == SensorKind::Proximitor && channel.is_some());
-    context.baseline.records.is_empty().then(|| {
-        if probe {
-            "no baseline to compare the displacement with"
-        } else {
-            "no proximity probe and no baseline"
-        }
-        .to_owned()
-    })
+    if !context.baseline.records.is_empty() {
+        return None;
+    }
+    let offered = context.offered_baselines > 0;
+    let why = if offered { "no baseline at this speed" } else { without };
+    Some(why.to_owned())
 }
 
 fn accuse(

@@ -12,6 +12,7 @@ use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::WindowFeatures;
 use crate::features::shaft;
 use crate::machine::ShaftIndex;
+use crate::machine::sensor::SensorKind;
 use crate::units::Hz;
 use crate::units::Unit;
 
@@ -30,7 +31,18 @@ pub(super) fn judge_shaft(
 ) -> ComponentDiagnosis {
     let id = &context.machine.shaft(shaft).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Shaft, String::new());
-    if let Some(why) = cannot_look(features, context) {
+    let probe = context
+        .machine
+        .sensors
+        .iter()
+        .zip(context.channel_of_sensor)
+        .any(|(s, channel)| s.kind == SensorKind::Proximitor && channel.is_some());
+    let without = if probe {
+        "no baseline to compare the displacement with"
+    } else {
+        "no proximity probe and no baseline"
+    };
+    if let Some(why) = cannot_look(features, context, without) {
         verdict.why = why;
         return verdict;
     }
@@ -39,7 +51,7 @@ pub(super) fn judge_shaft(
         indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
     match &signs.displacement {
         Some(d) if d.is_up() => {
-            let bow = excludes_unbalance(shaft, features, context);
+            let bow = excludes_unbalance(shaft, &d.evidence.channel, features, context);
             accuse(&mut verdict, d, bow.then_some(FaultMode::Bow), features);
             let cause = if bow {
                 "; unbalance would need more than ten times G 40"
@@ -96,7 +108,12 @@ pub(super) fn judge_by_housing(
 
 /// Whether the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten
 /// times G 40 (docs/theory.md, J2).
-fn excludes_unbalance(shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) -> bool {
+fn excludes_unbalance(
+    shaft: ShaftIndex,
+    probe: &str,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
     let described = context.machine.shaft(shaft);
     let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| Hz(f.0 * r));
     let (Some(speed), Some(critical)) = (speed, described.first_critical) else { return false };
@@ -108,6 +125,7 @@ fn excludes_unbalance(shaft: ShaftIndex, features: &WindowFeatures, context: &Co
     let amplitude_um = features
         .channels
         .iter()
+        .filter(|c| context.channel_name(c.channel) == probe)
         .filter(|c| context.channels[c.channel.0].unit == Unit::Micrometre)
         .filter_map(|c| c.get(&name))
         .fold(0.0, f64::max);

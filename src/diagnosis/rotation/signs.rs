@@ -5,7 +5,6 @@ use super::UP_RATIO;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::confidence;
-use crate::diagnosis::fault::Detector;
 use crate::diagnosis::verdict::Evidence;
 use crate::features::ChannelFeatures;
 use crate::features::WindowFeatures;
@@ -80,6 +79,8 @@ pub(super) fn signs(
                     <= confidence::FALSE_ALARM_PROBABILITY
         })
     };
+    // A gear is heard wherever its average was taken: the feature's name says of which shaft.
+    let everywhere: Vec<&ChannelFeatures> = features.channels.iter().collect();
     let displacement =
         strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
     let any = |_: &&ChannelFeatures| true;
@@ -98,10 +99,18 @@ pub(super) fn signs(
                 .filter(|s| same_speed(*s, shaft, context))
                 .map(|s| gear::local_name(&described.id, &machine.shaft(s).id))
                 .collect();
-            (GearIndex(g), strongest(&housings, &names, features, context, &any))
+            (GearIndex(g), strongest(&everywhere, &names, features, context, &any))
         })
         .collect();
-    ShaftSigns { displacement, cwt, housing, local }
+    let mut signs = ShaftSigns { displacement, cwt, housing, local };
+    let speed = features.speed.first.and_then(|first| machine.shaft_speed(shaft, first));
+    let once = [&mut signs.displacement, &mut signs.cwt, &mut signs.housing];
+    let local = signs.local.iter_mut().map(|(_, i)| i);
+    for indicator in once.into_iter().chain(local).flatten() {
+        indicator.evidence.frequency = speed;
+        indicator.evidence.order = speed.map(|_| 1.0);
+    }
+    signs
 }
 
 /// Two shafts whose once-a-revolution events cannot be told apart.
@@ -166,7 +175,7 @@ pub(super) fn indicator(
         evidence: Evidence {
             indicator: format!("{name}_ratio_to_baseline"),
             channel: channel_name.to_owned(),
-            detector: Some(Detector::ZeroToPeak),
+            detector: None,
             frequency: features.speed.first,
             expected: None,
             order: None,

@@ -149,6 +149,7 @@ fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDi
             channels: &channels,
             channel_of_sensor: &channel_of_sensor,
             baseline: &baseline,
+            offered_baselines: baseline.records.len(),
         },
     )
 }
