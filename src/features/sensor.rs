@@ -85,6 +85,10 @@ fn longest_run(x: &[f32]) -> usize {
 fn clipped_samples(x: &[f32], moments: &Moments, full_scale: Option<(f32, f32)>) -> usize {
     let at_end = |value: f32| full_scale.is_some_and(|(low, high)| value <= low || value >= high);
     let at_range = x.iter().filter(|v| at_end(**v)).count();
+    // A switching signal, or a coarse quantiser, holds its extremes without being cut.
+    if has_few_levels(x) {
+        return at_range;
+    }
     let up = held_extreme(x.iter().map(|v| f64::from(*v)), moments.max);
     let down = held_extreme(x.iter().map(|v| -f64::from(*v)), -moments.min);
     at_range.max(up + down)
@@ -101,6 +105,16 @@ fn held_extreme(x: impl Iterator<Item = f64> + Clone, top: f64) -> usize {
         at_next += usize::from(value < top && value >= next);
     }
     if at_top >= CLIPPED_MIN_SAMPLES && at_top >= HELD * at_next { at_top } else { 0 }
+}
+
+/// Whether the record holds fewer different values than a vibration takes.
+fn has_few_levels(x: &[f32]) -> bool {
+    const FEW: usize = 64;
+    let mut seen = std::collections::BTreeSet::new();
+    !x.iter().any(|value| {
+        seen.insert(value.to_bits());
+        seen.len() >= FEW
+    })
 }
 
 #[cfg(test)]
@@ -140,6 +154,13 @@ mod tests {
     fn a_coarse_quantiser_is_not_clipped() {
         let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 8.0).round() / 8.0).collect();
         assert_eq!(flaw(&coarse), None);
+    }
+
+    #[test]
+    fn a_switching_signal_is_not_clipped() {
+        let pulses: Vec<f32> =
+            (0..20_000_u32).map(|i| if i % 400 < 20 { 5.0 } else { 0.0 }).collect();
+        assert!(!matches!(flaw(&pulses), Some(SensorFlaw::Clipped { .. })));
     }
 
     #[test]
