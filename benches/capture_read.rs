@@ -8,6 +8,8 @@
 #![expect(clippy::print_stdout, reason = "a bench reports to the terminal")]
 #![expect(clippy::unwrap_used, reason = "a bench may stop")]
 
+mod yardstick;
+
 use cpu_time::ProcessTime;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -16,7 +18,6 @@ use rotorwatch::capture::writer::{
     CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage,
 };
 use rotorwatch::units::Hz;
-use rustfft::{FftPlanner, num_complex::Complex32};
 use std::path::Path;
 
 const ROUNDS: usize = 9;
@@ -70,12 +71,12 @@ fn speeds(folder: &Path) {
             let n_samples: u64 = (0..repeats).map(|_| drain(file)).sum();
             times_s.push(start.elapsed().as_secs_f64() / n_samples as f64);
         }
-        times_s[jobs.len()].push(fft_s());
+        times_s[jobs.len()].push(yardstick::fft_s());
     }
-    let fft_median_s = median(&mut times_s[jobs.len()]);
+    let fft_median_s = yardstick::median(&mut times_s[jobs.len()]);
     println!("yardstick: 8192-point FFT {:.1} us", fft_median_s * 1e6);
     for ((name, _, _), times_s) in jobs.iter().zip(&mut times_s) {
-        let time_s = median(times_s);
+        let time_s = yardstick::median(times_s);
         let spread = (times_s[ROUNDS - 1] - times_s[0]) / time_s * 100.0;
         println!(
             "{name}: {:.0} Msamples/s (spread {spread:.0} %), {:.0} samples a yardstick",
@@ -83,26 +84,6 @@ fn speeds(folder: &Path) {
             fft_median_s / time_s
         );
     }
-}
-
-/// CPU time of one yardstick transform, s.
-fn fft_s() -> f64 {
-    let fft = FftPlanner::<f32>::new().plan_fft_forward(8192);
-    let mut data = vec![Complex32::new(1.0, 0.0); 8192];
-    let mut scratch = vec![Complex32::default(); fft.get_inplace_scratch_len()];
-    let repeats = 500;
-    let start = ProcessTime::now();
-    for _ in 0..repeats {
-        fft.process_with_scratch(&mut data, &mut scratch);
-        std::hint::black_box(&mut data).fill(Complex32::new(1.0, 0.0));
-    }
-    start.elapsed().as_secs_f64() / f64::from(repeats)
-}
-
-/// Sorts, and gives the middle.
-fn median(times_s: &mut [f64]) -> f64 {
-    times_s.sort_by(f64::total_cmp);
-    times_s[times_s.len() / 2]
 }
 
 /// Reads all blocks, gives the number of samples.

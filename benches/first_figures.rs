@@ -7,6 +7,8 @@
 #![expect(clippy::print_stdout, reason = "a bench reports to the terminal")]
 #![expect(clippy::unwrap_used, reason = "a bench may stop")]
 
+mod yardstick;
+
 use clap::Parser;
 use cpu_time::ProcessTime;
 use rand::{RngExt, SeedableRng};
@@ -23,7 +25,6 @@ use rotorwatch::offline::Reference;
 use rotorwatch::pipeline::{Monitor, Settings, SpeedHints};
 use rotorwatch::signal::{Block, ChannelInfo, SampleIndex};
 use rotorwatch::units::Hz;
-use rustfft::{FftPlanner, num_complex::Complex32};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -86,12 +87,12 @@ fn speeds(folder: &Path) {
         times_s[0].push(commands_s(&machine_file, &short));
         times_s[1].push(library_s(&machine, &short));
         times_s[2].push(monitor_s(&machine, &channels, &blocks) / channel_seconds);
-        times_s[3].push(fft_s());
+        times_s[3].push(yardstick::fft_s());
     }
-    let fft_median_s = median(&mut times_s[3]);
+    let fft_median_s = yardstick::median(&mut times_s[3]);
     println!("yardstick: 8192-point FFT {:.1} us", fft_median_s * 1e6);
     for (name, times_s) in names.iter().zip(&mut times_s) {
-        let time_s = median(times_s);
+        let time_s = yardstick::median(times_s);
         let spread = (times_s[ROUNDS - 1] - times_s[0]) / time_s * 100.0;
         let yardsticks = time_s / fft_median_s;
         println!(
@@ -187,26 +188,6 @@ fn peak(folder: &Path) {
     let text = String::from_utf8(child.stdout).unwrap();
     let (kb, cpu_s) = text.lines().last().unwrap().split_once(' ').unwrap();
     println!("peak memory of diagnose on {bytes} bytes: {kb} kB, in {cpu_s} s of CPU time");
-}
-
-/// CPU time of one yardstick transform, s.
-fn fft_s() -> f64 {
-    let fft = FftPlanner::<f32>::new().plan_fft_forward(8192);
-    let mut data = vec![Complex32::new(1.0, 0.0); 8192];
-    let mut scratch = vec![Complex32::default(); fft.get_inplace_scratch_len()];
-    let repeats = 500;
-    let start = ProcessTime::now();
-    for _ in 0..repeats {
-        fft.process_with_scratch(&mut data, &mut scratch);
-        std::hint::black_box(&mut data).fill(Complex32::new(1.0, 0.0));
-    }
-    start.elapsed().as_secs_f64() / f64::from(repeats)
-}
-
-/// Sorts, and gives the middle.
-fn median(times_s: &mut [f64]) -> f64 {
-    times_s.sort_by(f64::total_cmp);
-    times_s[times_s.len() / 2]
 }
 
 /// A motor with two bearings (SKF 6205, SKF 6203), channels dealt out to them in turn.

@@ -151,12 +151,3 @@ impl std::fmt::Debug for MachineHandle {
         f.debug_struct("MachineHandle").field("machine", &self.machine.id).finish_non_exhaustive()
     }
 }
-
-/// An alarm transition with the machine it happened on.
-#[derive(Debug, Clone)]
-pub struct MachineAlarmEvent {
-    /// Machine id.
-    pub machine: String,
-    /// The transition.
-    pub event: AlarmEvent,
-}

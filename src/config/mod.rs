@@ -23,9 +23,6 @@ use std::sync::Arc;
 /// The commented reference of every key, printed by `serve --print-config`.
 pub const REFERENCE: &str = include_str!("../../config/default.toml");
 
-/// Shortest window worth judging, s.
-pub const MIN_WINDOW_S: f64 = 1.0;
-
 /// The validated configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {

@@ -67,7 +67,7 @@ pub fn judge(
             verdict.state = State::Healthy;
             verdict.severity = Some(severity::not_accused(found.severity));
             verdict.confidence = Some(0.9);
-            verdict.why = format!("levels are normal: {}", found.text);
+            verdict.why = format!("no level is proven abnormal: {}", found.text);
         }
         (_, None) => {}
     }
@@ -78,27 +78,19 @@ pub fn judge(
 /// Velocity RMS against the limits in force.
 fn against_limits(channel: &ChannelFeatures, context: &Context<'_>) -> Option<Finding> {
     let limits = context.machine.limits_in_force();
-    let warning = limits.velocity_rms_warning_mm_per_s?;
-    let damaged = limits.velocity_rms_damaged_mm_per_s?;
+    let warning = limits.velocity_rms_warning_mm_per_s;
+    let damaged = limits.velocity_rms_damaged_mm_per_s;
+    let lowest = warning.or(damaged)?;
     let value = channel.get(overall::VELOCITY_RMS)?;
     let name = context.channel_name(channel.channel);
-    // A value exactly on a boundary belongs to the better zone (ISO 20816-1).
-    let severity = if value <= warning {
-        severity::WARNING * (value / warning) * (1.0 - 1e-9)
-    } else if value <= damaged {
-        severity::WARNING
-            + (severity::DAMAGED - severity::WARNING) * (value - warning) / (damaged - warning)
-                * (1.0 - 1e-9)
-    } else {
-        severity::of_ratio(value / damaged * DAMAGED_RATIO, WARNING_RATIO, DAMAGED_RATIO)
-    };
+    let severity = of_limits(value, warning, damaged);
+    let stated: Vec<String> =
+        [warning, damaged].iter().flatten().map(|limit| format!("{limit:.2}")).collect();
     Some(Finding {
         severity,
         proven: true,
         probability: None,
-        text: format!(
-            "velocity RMS {value:.2} mm/s of {name} (limits {warning:.2} and {damaged:.2})"
-        ),
+        text: format!("velocity RMS {value:.2} mm/s of {name} (limits: {})", stated.join(", ")),
         evidence: Evidence {
             indicator: overall::VELOCITY_RMS.to_owned(),
             channel: name.to_owned(),
@@ -108,11 +100,37 @@ fn against_limits(channel: &ChannelFeatures, context: &Context<'_>) -> Option<Fi
             order: None,
             value,
             unit: Unit::MillimetrePerSecond,
-            threshold: Some(warning),
+            threshold: Some(lowest),
             false_alarm_probability: None,
             sample_range: Some(channel.sample_range),
         },
     })
+}
+
+/// Severity of a level against its limits, either of which may be absent: alone, the warning limit
+/// never claims damage, and the damage limit has nothing between.
+///
+/// A value exactly on a boundary belongs to the better zone (ISO 20816-1).
+fn of_limits(value: f64, warning: Option<f64>, damaged: Option<f64>) -> f64 {
+    let below = |part: f64| part * (1.0 - 1e-9);
+    let over_damaged = damaged.filter(|limit| value > *limit);
+    let over_warning = warning.filter(|limit| value > *limit);
+    match (over_damaged, over_warning) {
+        (Some(limit), _) => {
+            severity::of_ratio(value / limit * DAMAGED_RATIO, WARNING_RATIO, DAMAGED_RATIO)
+        }
+        (None, Some(low)) => {
+            let up = match damaged {
+                Some(high) => (value - low) / (high - low),
+                None => 1.0 - low / value,
+            };
+            severity::WARNING + below((severity::DAMAGED - severity::WARNING) * up)
+        }
+        (None, None) => {
+            let lowest = warning.or(damaged).unwrap_or(f64::INFINITY);
+            below(severity::WARNING * value / lowest)
+        }
+    }
 }
 
 /// RMS against the baseline. A fall is no alarm (run-in).
@@ -145,4 +163,27 @@ fn against_baseline(
             sample_range: Some(channel.sample_range),
         },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(value: f64, warning: Option<f64>, damaged: Option<f64>) -> State {
+        severity::state(of_limits(value, warning, damaged))
+    }
+
+    #[test]
+    fn each_limit_holds_alone_and_both_together() {
+        // Group 2 rigid of ISO 20816-3: B/C 2.8, C/D 4.5 mm/s; on the boundary the better zone.
+        let both = (Some(2.8), Some(4.5));
+        assert_eq!(state(2.8, both.0, both.1), State::Healthy);
+        assert_eq!(state(2.9, both.0, both.1), State::Warning);
+        assert_eq!(state(4.5, both.0, both.1), State::Warning);
+        assert_eq!(state(4.6, both.0, both.1), State::Damaged);
+        assert_eq!(state(100.0, Some(2.8), None), State::Warning);
+        assert_eq!(state(2.8, Some(2.8), None), State::Healthy);
+        assert_eq!(state(4.4, None, Some(4.5)), State::Healthy);
+        assert_eq!(state(4.6, None, Some(4.5)), State::Damaged);
+    }
 }

@@ -1,7 +1,7 @@
 //! From component verdicts to the document: the whole state, and several windows made one.
 //!
-//! A capture of several windows or segments has the state of its last 5 % of windows (at least 3):
-//! a component is accused when more than half of them accuse it, or the newest three all do.
+//! A capture of several segments has the state of its last 5 % of segments (at least 3), one of a
+//! single segment that of its last 5 % of windows (at least 3): a component is accused when more than half of them accuse it, or the newest three all do.
 
 use super::Context;
 use super::fault::ComponentKind;
