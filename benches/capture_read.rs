@@ -13,6 +13,7 @@ mod yardstick;
 use cpu_time::ProcessTime;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rotorwatch::capture::hints::Hints;
 use rotorwatch::capture::reader::CaptureReader;
 use rotorwatch::capture::writer::{
     CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage,
@@ -88,7 +89,7 @@ fn speeds(folder: &Path) {
 
 /// Reads all blocks, gives the number of samples.
 fn drain(path: &Path) -> u64 {
-    let mut reader = CaptureReader::open(path, None).unwrap();
+    let mut reader = CaptureReader::open(path, None, &Hints::default()).unwrap();
     let mut n_samples = 0;
     while let Some(block) = reader.next_block().unwrap() {
         n_samples += std::hint::black_box(&block.samples).len() as u64;

@@ -13,6 +13,7 @@ use clap::Parser;
 use cpu_time::ProcessTime;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rotorwatch::capture::hints::Hints;
 use rotorwatch::capture::reader::CaptureReader;
 use rotorwatch::capture::writer::{
     CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage,
@@ -156,7 +157,7 @@ fn monitor_s(machine: &Arc<Machine>, channels: &[ChannelInfo], blocks: &[Block])
 
 /// Reads a capture into blocks of a quarter of a second, as the daemon's replay does.
 fn load(capture: &Path, machine: &Machine) -> (Vec<ChannelInfo>, Vec<Block>) {
-    let mut reader = CaptureReader::open(capture, Some(machine)).unwrap();
+    let mut reader = CaptureReader::open(capture, Some(machine), &Hints::default()).unwrap();
     let channels: Vec<ChannelInfo> =
         reader.info().channels.iter().map(|c| c.info.clone()).collect();
     let mut blocks = Vec::new();

@@ -3,6 +3,7 @@
 //! the terminal or documents.
 
 use crate::capture::error::CaptureError;
+use crate::capture::hints::Hints;
 use crate::capture::info::CaptureInfo;
 use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
@@ -72,6 +73,8 @@ pub struct Reference {
     pub machine: Option<Arc<Machine>>,
     /// The operator's speed.
     pub speed: Option<Hz>,
+    /// What is known beside the captures.
+    pub hints: Hints,
     /// Healthy records.
     pub baseline: Baseline,
 }
@@ -142,17 +145,18 @@ fn run(
 
 /// Opens a capture with the machine given, its own, or an implied one.
 fn open(file: &Path, reference: &Reference) -> Result<(CaptureReader, Arc<Machine>), OfflineError> {
+    let hints = &reference.hints;
     if let Some(machine) = &reference.machine {
-        return Ok((CaptureReader::open(file, Some(machine))?, Arc::clone(machine)));
+        return Ok((CaptureReader::open(file, Some(machine), hints)?, Arc::clone(machine)));
     }
-    let reader = CaptureReader::open(file, None)?;
+    let reader = CaptureReader::open(file, None, hints)?;
     match &reader.info().machine {
         Some(text) => {
             let name = format!("{} (attribute `machine`)", file.display());
             let machine = crate::machine::file::parse(text, &name)
                 .map_err(|source| OfflineError::Machine { file: file.to_owned(), source })?;
             let machine = Arc::new(machine);
-            Ok((CaptureReader::open(file, Some(&machine))?, machine))
+            Ok((CaptureReader::open(file, Some(&machine), hints)?, machine))
         }
         None => {
             let machine = Arc::new(implied_machine(reader.info()));

@@ -13,6 +13,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rotorwatch::capture::error::CaptureError;
+use rotorwatch::capture::hints::Hints;
 use rotorwatch::capture::reader::CaptureReader;
 use rotorwatch::capture::writer::{
     CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage,
@@ -48,7 +49,7 @@ fn weighed<T>(what: &str, work: impl FnOnce() -> T) -> T {
 
 /// Reads everything; whatever is read without an error must agree with what was declared.
 fn read(path: &Path, what: &str) -> Result<(CaptureReader, Vec<Block>), CaptureError> {
-    let mut reader = weighed(what, || CaptureReader::open(path, None))?;
+    let mut reader = weighed(what, || CaptureReader::open(path, None, &Hints::default()))?;
     let declared: u64 = reader.info().channels.iter().map(|channel| channel.n_samples).sum();
     let mut blocks = Vec::new();
     let mut seen = 0;

@@ -46,7 +46,20 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("dashboard", &[]),
     ("telemetry", &[]),
-    ("config", &["units", "signal", "machine", "diagnosis", "alarms", "pipeline", "ingest", "api"]),
+    (
+        "config",
+        &[
+            "units",
+            "signal",
+            "machine",
+            "diagnosis",
+            "alarms",
+            "pipeline",
+            "capture",
+            "ingest",
+            "api",
+        ],
+    ),
     ("app", &["*"]),
     ("cli", &["*"]),
 ];

@@ -172,7 +172,7 @@ impl Plan {
 /// Opens a machine's source for what is known before the first sample; or why it cannot be.
 fn open(entry: &MachineConfig) -> Result<StreamInfo, String> {
     let SourceConfig::Replay(settings) = &entry.source;
-    let opened = replay::open(&settings.file, &entry.machine);
+    let opened = replay::open(&settings.file, &entry.machine, &settings.hints);
     opened.map(|stream| stream.info).map_err(|error| with_causes(&error))
 }
 
@@ -256,6 +256,7 @@ fn check_memory(
 mod tests {
     use super::super::tests::machine;
     use super::*;
+    use crate::capture::hints::Hints;
     use crate::signal::ChannelInfo;
     use crate::units::Hz;
     use crate::units::Unit;
@@ -267,6 +268,7 @@ mod tests {
             machine: machine(id),
             baseline: Vec::new(),
             source: SourceConfig::Replay(replay::Settings {
+                hints: Hints::default(),
                 file: PathBuf::new(),
                 speed: replay::Speed::Max,
                 repeat: false,

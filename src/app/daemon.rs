@@ -168,7 +168,8 @@ fn start_threads(
     for plan in sources {
         let stop = Arc::clone(stop);
         threads.start(format!("source-{}", plan.machine.id), move || {
-            let mut open = || replay::open(&plan.settings.file, &plan.machine);
+            let mut open =
+                || replay::open(&plan.settings.file, &plan.machine, &plan.settings.hints);
             source::run(&plan.settings, &mut open, &plan.link, &stop);
         })?;
     }

@@ -14,6 +14,7 @@ use super::stop::Stop;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
+use crate::capture::hints::Hints;
 use crate::config::Config;
 use crate::ingest::replay;
 use crate::ingest::replay::ReplayError;
@@ -134,7 +135,12 @@ impl Running {
 }
 
 fn at_full_speed() -> replay::Settings {
-    replay::Settings { file: PathBuf::from("x.h5"), speed: Speed::Max, repeat: false }
+    replay::Settings {
+        file: PathBuf::from("x.h5"),
+        hints: Hints::default(),
+        speed: Speed::Max,
+        repeat: false,
+    }
 }
 
 #[test]

@@ -5,37 +5,7 @@
 //! the value of the first finite sample, so that a small vibration on a large constant keeps its
 //! resolution in f32.
 
-use super::hdf5::NumberType;
-
-/// Raw elements as stored.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum Raw {
-    F32(Vec<f32>),
-    F64(Vec<f64>),
-    I16(Vec<i16>),
-    I32(Vec<i32>),
-}
-
-impl Raw {
-    pub(super) fn len(&self) -> usize {
-        match self {
-            Self::F32(raw) => raw.len(),
-            Self::F64(raw) => raw.len(),
-            Self::I16(raw) => raw.len(),
-            Self::I32(raw) => raw.len(),
-        }
-    }
-
-    /// The first finite element.
-    fn first_finite(&self) -> Option<f64> {
-        match self {
-            Self::F32(raw) => raw.iter().find(|x| x.is_finite()).map(|&x| f64::from(x)),
-            Self::F64(raw) => raw.iter().find(|x| x.is_finite()).copied(),
-            Self::I16(raw) => raw.first().map(|&x| f64::from(x)),
-            Self::I32(raw) => raw.first().map(|&x| f64::from(x)),
-        }
-    }
-}
+use super::received::{NumberType, RawSamples};
 
 /// The affine map from raw elements to samples of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,14 +27,14 @@ impl Conversion {
         scale: f64,
         offset: f64,
         factor: f64,
-        first: Option<&Raw>,
+        first: Option<&RawSamples>,
     ) -> Option<Self> {
         let gain = scale * factor;
         let raw_zero = match kind {
             NumberType::F32 | NumberType::I16 => 0.0,
             NumberType::F64 | NumberType::I32 => {
                 // A wild first sample (damage, a spike) must not push the others out of f32.
-                let found = first.and_then(Raw::first_finite).unwrap_or(0.0);
+                let found = first.and_then(RawSamples::first_finite).unwrap_or(0.0);
                 if found.abs() < 1e12 { found } else { 0.0 }
             }
         };
@@ -75,24 +45,21 @@ impl Conversion {
         usable.then_some(Self { gain, raw_zero, offset: kept_out })
     }
 
-    /// The samples an integer type's extremes become, lowest first; `None` for floats.
-    pub(super) fn full_scale(self, kind: NumberType) -> Option<(f32, f32)> {
-        let ends = match kind {
-            NumberType::F32 | NumberType::F64 => return None,
-            NumberType::I16 => Raw::I16(vec![i16::MIN, i16::MAX]),
-            NumberType::I32 => Raw::I32(vec![i32::MIN, i32::MAX]),
-        };
-        let samples = self.samples(ends);
-        let (low, high) = (samples[0], samples[1]);
+    /// The samples that the extremes of the number range become, lowest first.
+    ///
+    /// `ends`: the two extremes as raw elements; `None` where the range has no end (floats).
+    pub(super) fn full_scale(self, ends: Option<RawSamples>) -> Option<(f32, f32)> {
+        let samples = self.samples(ends?);
+        let (low, high) = (*samples.first()?, *samples.last()?);
         Some(if low <= high { (low, high) } else { (high, low) })
     }
 
     /// Converts; a float32 channel in its canonical unit is passed on as it is.
     #[expect(clippy::cast_possible_truncation, reason = "f64 to f32 rounds, which is meant")]
-    pub(super) fn samples(self, raw: Raw) -> Vec<f32> {
+    pub(super) fn samples(self, raw: RawSamples) -> Vec<f32> {
         let gain_f32 = self.gain as f32;
         match raw {
-            Raw::F32(mut samples) => {
+            RawSamples::F32(mut samples) => {
                 #[expect(clippy::float_cmp, reason = "exactly 1 means nothing to do")]
                 let changes = gain_f32 != 1.0;
                 if changes {
@@ -102,11 +69,11 @@ impl Conversion {
                 }
                 samples
             }
-            Raw::I16(raw) => raw.iter().map(|&x| f32::from(x) * gain_f32).collect(),
-            Raw::F64(raw) => {
+            RawSamples::I16(raw) => raw.iter().map(|&x| f32::from(x) * gain_f32).collect(),
+            RawSamples::F64(raw) => {
                 raw.iter().map(|&x| ((x - self.raw_zero) * self.gain) as f32).collect()
             }
-            Raw::I32(raw) => {
+            RawSamples::I32(raw) => {
                 raw.iter().map(|&x| ((f64::from(x) - self.raw_zero) * self.gain) as f32).collect()
             }
         }
@@ -132,9 +99,10 @@ mod tests {
         // 1 µV steps on 10 V: f32 alone resolves 1 µV · 0.95 there, this must be exact to 1e-6 of it.
         let raw: Vec<f64> = (0..100).map(|k| 10.0 + 1e-6 * f64::from(k)).collect();
         let map =
-            Conversion::new(NumberType::F64, 1.0, 0.0, 1.0, Some(&Raw::F64(raw.clone()))).unwrap();
+            Conversion::new(NumberType::F64, 1.0, 0.0, 1.0, Some(&RawSamples::F64(raw.clone())))
+                .unwrap();
         assert!((map.offset - 10.0).abs() < 1e-15);
-        for (k, sample) in map.samples(Raw::F64(raw)).iter().enumerate() {
+        for (k, sample) in map.samples(RawSamples::F64(raw)).iter().enumerate() {
             let expected = 1e-6 * k as f64;
             // Rounding of 10 + x in f64 is 1.8e-15; of the f32 sample 6e-8 relative.
             assert!((f64::from(*sample) - expected).abs() < 2e-15 + 6e-8 * expected, "{k}");
@@ -144,10 +112,13 @@ mod tests {
     #[test]
     fn integer_extremes_are_where_the_samples_say() {
         let map = Conversion::new(NumberType::I16, -0.5, 3.0, 2.0, None).unwrap();
-        assert_eq!(map.full_scale(NumberType::I16), Some((-32767.0, 32768.0)));
+        assert_eq!(map.full_scale(NumberType::I16.ends()), Some((-32767.0, 32768.0)));
         assert!((map.offset - 6.0).abs() < 1e-15);
-        assert_eq!(map.samples(Raw::I16(vec![i16::MIN, 1, i16::MAX])), [32768.0, -1.0, -32767.0]);
-        assert_eq!(map.full_scale(NumberType::F32), None);
+        assert_eq!(
+            map.samples(RawSamples::I16(vec![i16::MIN, 1, i16::MAX])),
+            [32768.0, -1.0, -32767.0]
+        );
+        assert_eq!(map.full_scale(NumberType::F32.ends()), None);
     }
 
     #[test]
@@ -166,8 +137,8 @@ mod tests {
 
         #[test]
         fn the_affine_map_is_the_written_one(raw in any::<i32>(), first in any::<i32>(), scale in 1e-9..1e3_f64, offset in -1e3..1e3_f64) {
-            let map = Conversion::new(NumberType::I32, scale, offset, 9.8, Some(&Raw::I32(vec![first]))).unwrap();
-            let sample = map.samples(Raw::I32(vec![raw]))[0];
+            let map = Conversion::new(NumberType::I32, scale, offset, 9.8, Some(&RawSamples::I32(vec![first]))).unwrap();
+            let sample = map.samples(RawSamples::I32(vec![raw]))[0];
             let expected = (f64::from(raw) * scale + offset) * 9.8;
             // One f32 rounding of the difference, and f64 rounding of the products.
             let scatter = 6e-8 * f64::from(sample).abs() + 1e-12 * (expected.abs() + map.offset.abs());

@@ -112,6 +112,23 @@ pub enum CaptureError {
         /// The cause.
         source: LibraryError,
     },
+    /// Fewer samples than were declared.
+    #[error(
+        "{}: {object}: {found} of {expected} samples can be read from sample {at} on; take the original again",
+        file.display()
+    )]
+    Short {
+        /// The capture.
+        file: PathBuf,
+        /// Place inside the file.
+        object: String,
+        /// First sample asked for.
+        at: u64,
+        /// Samples asked for.
+        expected: u64,
+        /// Samples there.
+        found: u64,
+    },
     /// The HDF5 library failed while writing.
     #[error("{}: cannot write {object}", file.display())]
     Write {

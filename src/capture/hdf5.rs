@@ -4,6 +4,7 @@
 //! allocates from a declared size; callers ask for slices whose length they have bounded.
 
 use super::error::LibraryError;
+use super::received::NumberType;
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
@@ -197,34 +198,6 @@ impl File {
 
     pub(super) fn dataset(&self, path: &str) -> Result<Dataset, LibraryError> {
         guarded(|| self.inner.dataset(path)).map(|inner| Dataset { inner })
-    }
-}
-
-/// Number types a channel may have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum NumberType {
-    F32,
-    F64,
-    I16,
-    I32,
-}
-
-impl NumberType {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::F32 => "float32",
-            Self::F64 => "float64",
-            Self::I16 => "int16",
-            Self::I32 => "int32",
-        }
-    }
-
-    pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::I16 => 2,
-            Self::F32 | Self::I32 => 4,
-            Self::F64 => 8,
-        }
     }
 }
 

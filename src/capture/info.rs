@@ -1,5 +1,6 @@
 //! What is inside a capture, for people and for callers that must decide before reading.
 
+use super::received::NumberType;
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::units::Hz;
 use std::fmt;
@@ -43,8 +44,12 @@ pub struct ChannelDescription {
     pub n_samples: u64,
     /// Their length at the channel's rate, gaps left out, s.
     pub duration_s: f64,
-    /// Stored number type: float32, float64, int16 or int32.
-    pub number_type: &'static str,
+    /// Stored number type; other integers are read as float64.
+    pub number_type: NumberType,
+    /// physical = raw·scale + offset, in the unit of `unit_text`.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
     /// How they are stored, e.g. `chunks of 10000, shuffle, gzip`.
     pub storage: String,
     /// The `unit` attribute as written.
@@ -139,7 +144,7 @@ impl fmt::Display for ChannelDescription {
             self.n_samples,
             info.sample_rate.0,
             self.duration_s,
-            self.number_type,
+            self.number_type.name(),
             self.storage,
             info.unit.symbol()
         )?;

@@ -3,12 +3,15 @@
 use super::channel_unit;
 use super::checks::{Checks, Chunks};
 use super::convert::Conversion;
+use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
-use super::hdf5::{Attribute, Dataset, Entry, File, NumberType};
+use super::hdf5::{Attribute, Dataset, Entry, File};
 use super::info::{CaptureInfo, ChannelDescription};
+use super::open::Opened;
+use super::received::NumberType;
 use super::root::{self, RootAttribute};
+use super::rows::{Column, Source};
 use super::segments::Segments;
-use super::stream::{self, Source};
 use crate::machine::Machine;
 use crate::signal::{ChannelIndex, ChannelInfo, Timestamp};
 use crate::units::Hz;
@@ -32,13 +35,6 @@ const MAX_SPEED_HZ: f64 = 10_000.0;
 
 /// Sample rates that make sense, Hz.
 const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
-
-/// An opened capture.
-pub(super) struct Opened {
-    pub(super) info: CaptureInfo,
-    pub(super) sources: Vec<Source>,
-    pub(super) segments: Segments,
-}
 
 /// Opens and checks everything but the samples.
 pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, CaptureError> {
@@ -271,7 +267,10 @@ impl Layout<'_> {
         };
         let unit =
             channel_unit::resolve(self.machine.and_then(sensor_of).as_ref(), unit_text.as_deref());
-        let conversion = self.conversion(&dataset, &path, kind, n_samples, unit.unit.factor)?;
+        let (scale, offset) = self.calibration(&dataset, &path)?;
+        let factor = unit.unit.factor;
+        let conversion =
+            self.conversion(&dataset, &path, n_samples, kind, (scale, offset, factor))?;
         let description = ChannelDescription {
             info: ChannelInfo {
                 name: name.into(),
@@ -279,17 +278,28 @@ impl Layout<'_> {
                 unit: unit.unit.canonical,
                 offset: conversion.offset,
                 unit_conflict: unit.conflict,
-                full_scale: conversion.full_scale(kind),
+                full_scale: conversion.full_scale(kind.ends()),
             },
             n_samples,
             duration_s: n_samples as f64 / rate.0,
-            number_type: kind.name(),
+            number_type: kind,
+            scale,
+            offset,
             storage,
             unit_text,
             sensor: self.checks.text(&dataset, &path, "sensor")?,
         };
-        let source =
-            Source { channel, path, dataset, kind, length: n_samples, rate, conversion, chunk };
+        let file = self.checks.path.to_owned();
+        let source = Source {
+            file: file.clone(),
+            object: path.clone(),
+            rows: Box::new(DatasetRows { file, object: path, dataset, kind }),
+            columns: vec![Column { channel, conversion }],
+            length: n_samples,
+            rate,
+            chunk,
+            width: 1,
+        };
         Ok((description, source))
     }
 
@@ -305,21 +315,25 @@ impl Layout<'_> {
         }
     }
 
+    /// Attributes `scale` and `offset`.
+    fn calibration(&self, dataset: &Dataset, path: &str) -> Result<(f64, f64), CaptureError> {
+        let scale = self.checks.number(dataset, path, "scale", "a number other than 0")?;
+        let offset = self.checks.number(dataset, path, "offset", "a number")?;
+        Ok((scale.unwrap_or(1.0), offset.unwrap_or(0.0)))
+    }
+
     fn conversion(
         &self,
         dataset: &Dataset,
         path: &str,
-        kind: NumberType,
         length: u64,
-        factor: f64,
+        kind: NumberType,
+        (scale, offset, factor): (f64, f64, f64),
     ) -> Result<Conversion, CaptureError> {
-        let scale =
-            self.checks.number(dataset, path, "scale", "a number other than 0")?.unwrap_or(1.0);
-        let offset = self.checks.number(dataset, path, "offset", "a number")?.unwrap_or(0.0);
         let first = match kind {
             NumberType::F32 | NumberType::I16 => None,
             NumberType::F64 | NumberType::I32 => {
-                let first = stream::read(dataset, kind, 0, length.min(1024));
+                let first = dataset::read(dataset, kind, 0, length.min(1024));
                 Some(first.map_err(|e| self.checks.library(path, e))?)
             }
         };

@@ -1,19 +1,26 @@
-//! Capture files (HDF5): finished recordings in and out.
+//! Capture files: recordings in and out.
 //!
-//! [`reader`] streams a file as blocks of physical samples, converted once; [`writer`] makes
-//! finished files; `docs/hdf5.md` is the layout. A file is never believed: every declared size is
-//! checked against the file and a limit before anything is allocated from it. Must not know what
-//! the samples mean, and never reads ground truth (`/truth`, `label`-like attributes).
+//! [`reader`] streams a file as blocks of physical samples, converted once: HDF5 of our layout or,
+//! with a [`map`], of any other; CSV; WAV. [`writer`] makes finished files; `docs/hdf5.md` is the
+//! layout. A file is never believed: every declared size is checked against the file and a limit
+//! before anything is allocated from it. Must not know what the samples mean, and never reads ground
+//! truth (`/truth`, `label`-like attributes).
 
 pub mod error;
+pub mod hints;
+pub mod map;
 pub mod info;
+pub mod received;
 pub mod reader;
 pub mod writer;
 
+mod open;
 mod hdf5; // the only file that names the crate
 mod root;
 mod checks;
 mod layout;
+mod dataset;
+mod rows;
 mod channel_unit;
 mod segments;
 mod convert;

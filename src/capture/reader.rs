@@ -1,10 +1,12 @@
 //! Streams a capture as blocks, its channels interleaved in time.
 
-use super::error::{CaptureError, LibraryError};
+use super::error::CaptureError;
+use super::hints::Hints;
 use super::info::CaptureInfo;
-use super::layout::{self, Opened};
+use super::open::{self, Opened};
+use super::received::Received;
 use super::segments::Segments;
-use super::stream::ChannelStream;
+use super::stream::TableStream;
 use crate::machine::Machine;
 use crate::signal::Block;
 use std::collections::VecDeque;
@@ -49,9 +51,12 @@ impl ReadReport {
 /// Memory is bounded whatever the file declares: one block or chunk of each channel is held.
 pub struct CaptureReader {
     info: CaptureInfo,
-    streams: Vec<ChannelStream>,
+    streams: Vec<TableStream>,
     segments: Segments,
     ready: VecDeque<Block>,
+    /// Raw samples not yet taken, if they are kept at all.
+    received: VecDeque<Received>,
+    keep_received: bool,
     report: ReadReport,
     ended: bool,
 }
@@ -68,21 +73,48 @@ impl fmt::Debug for CaptureReader {
 impl CaptureReader {
     /// Opens a capture and checks all of it but the samples.
     ///
-    /// `machine`: whose sensors' units and sensitivities win over the capture's `unit` attributes.
+    /// The content decides the format: HDF5, WAV or text (CSV). `machine`: whose sensors' units and
+    /// sensitivities win over those of the capture, and whose `[capture.map]` says where channels
+    /// stand in a foreign layout; `hints`: what the caller knows beside that.
     ///
     /// # Errors
     ///
     /// See [`CaptureError`]; every variant names the place and the remedy.
-    pub fn open(path: &Path, machine: Option<&Machine>) -> Result<Self, CaptureError> {
-        let Opened { info, sources, segments } = layout::open(path, machine)?;
-        let share = ELEMENTS_MAX / sources.len().max(1) as u64;
-        let block_max = share.clamp(1, BLOCK_SAMPLES_MAX);
+    pub fn open(
+        path: &Path,
+        machine: Option<&Machine>,
+        hints: &Hints,
+    ) -> Result<Self, CaptureError> {
+        let Opened { info, sources, segments } = open::open(path, machine, hints)?;
+        let width: u64 = sources.iter().map(|source| source.width).sum();
+        let block_max = (ELEMENTS_MAX / width.max(1)).clamp(1, BLOCK_SAMPLES_MAX);
         let streams = sources
             .into_iter()
-            .filter_map(|source| ChannelStream::new(source, &segments, block_max))
+            .filter_map(|source| TableStream::new(source, &segments, block_max))
             .collect();
-        let (ready, report) = (VecDeque::new(), ReadReport::default());
-        Ok(Self { info, streams, segments, ready, report, ended: false })
+        Ok(Self {
+            info,
+            streams,
+            segments,
+            ready: VecDeque::new(),
+            received: VecDeque::new(),
+            keep_received: false,
+            report: ReadReport::default(),
+            ended: false,
+        })
+    }
+
+    /// Also keeps the raw samples behind every block, for [`CaptureReader::next_received`].
+    pub fn keep_received(&mut self) {
+        self.keep_received = true;
+    }
+
+    /// Takes the next run of raw samples behind the blocks handed out so far.
+    ///
+    /// Runs come in the order of [`CaptureReader::next_block`]; whoever keeps them takes them all
+    /// before asking for another block, else they pile up.
+    pub fn next_received(&mut self) -> Option<Received> {
+        self.received.pop_front()
     }
 
     /// What the capture states about itself.
@@ -105,8 +137,7 @@ impl CaptureReader {
     ///
     /// # Errors
     ///
-    /// [`CaptureError::Library`] if the samples cannot be read or decompressed; the reader is at
-    /// its end from then on.
+    /// If the samples cannot be read or decompressed; the reader is at its end from then on.
     pub fn next_block(&mut self) -> Result<Option<Block>, CaptureError> {
         loop {
             if let Some(block) = self.ready.pop_front() {
@@ -114,17 +145,21 @@ impl CaptureReader {
                 return Ok(Some(block));
             }
             let Some(at) = self.earliest() else { return Ok(None) };
-            match self.streams[at].step(&self.segments) {
+            match self.streams[at].step(&self.segments, self.keep_received) {
                 Ok(step) => {
                     self.report.samples_not_finite += step.n_rejected;
                     self.ready.extend(step.blocks);
+                    self.received.extend(step.received);
                 }
-                Err(source) => return Err(self.failed(at, source)),
+                Err(error) => {
+                    self.ended = true;
+                    return Err(error);
+                }
             }
         }
     }
 
-    /// The channel whose next sample is the earliest; the first of equals.
+    /// The table whose next row is the earliest; the first of equals.
     fn earliest(&self) -> Option<usize> {
         if self.ended {
             return None;
@@ -138,11 +173,5 @@ impl CaptureReader {
             }
         }
         best.map(|(at, _)| at)
-    }
-
-    fn failed(&mut self, at: usize, source: LibraryError) -> CaptureError {
-        self.ended = true;
-        let object = self.streams[at].path.clone();
-        CaptureError::Library { file: self.info.file.clone(), object, source }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::error::CaptureError;
 use super::hdf5::{NewFile, NewStorage};
+use super::hints::Hints;
 use super::reader::{CaptureReader, ReadReport};
 use super::writer::{CaptureHeader, CaptureWriter, ChannelHeader, ChannelSamples, ChannelStorage};
 use crate::machine::Machine;
@@ -23,7 +24,7 @@ fn channel(name: &str, rate_hz: f64, storage: ChannelStorage) -> ChannelHeader {
 }
 
 fn read_all(path: &Path) -> (CaptureReader, Vec<Block>, ReadReport) {
-    let mut reader = CaptureReader::open(path, None).unwrap();
+    let mut reader = CaptureReader::open(path, None, &Hints::default()).unwrap();
     let mut blocks = Vec::new();
     while let Some(block) = reader.next_block().unwrap() {
         blocks.push(block);
@@ -49,7 +50,7 @@ fn crafted(build: impl FnOnce(&NewFile)) -> (tempfile::TempDir, PathBuf) {
 }
 
 fn refused(path: &Path) -> String {
-    let error = CaptureReader::open(path, None).unwrap_err();
+    let error = CaptureReader::open(path, None, &Hints::default()).unwrap_err();
     let text = error.to_string();
     assert!(text.contains("a.h5"), "names the file: {text}");
     text
@@ -168,7 +169,7 @@ fn the_header_comes_back() {
     let plain = ChannelStorage::Contiguous;
     writer.channel(&channel("x", 100.0, plain), ChannelSamples::F32(&[1.0; 10])).unwrap();
     writer.finish().unwrap();
-    let reader = CaptureReader::open(&path, None).unwrap();
+    let reader = CaptureReader::open(&path, None, &Hints::default()).unwrap();
     let info = reader.info();
     assert_eq!(info.start_time, header.start_time);
     assert_eq!(info.machine, header.machine);
@@ -237,7 +238,7 @@ fn files_that_are_no_captures_say_what_they_are() {
     std::fs::write(&path, vec![b'x'; 5000]).unwrap();
     assert!(refused(&path).contains("no HDF5 signature"));
     assert!(matches!(
-        CaptureReader::open(&path.with_extension("no"), None).unwrap_err(),
+        CaptureReader::open(&path.with_extension("no"), None, &Hints::default()).unwrap_err(),
         CaptureError::Io { .. }
     ));
     let (_folder, path) = crafted(|file| {
@@ -282,7 +283,7 @@ fn wrong_root_attributes_are_named_and_others_ignored() {
         file.number("shaft_speed_hz", 25_i16).unwrap();
         file.group("truth").unwrap();
     });
-    let reader = CaptureReader::open(&path, None).unwrap();
+    let reader = CaptureReader::open(&path, None, &Hints::default()).unwrap();
     assert_eq!(reader.info().shaft_speed, Some(Hz(25.0)));
     assert_eq!(reader.info().other_attributes.len(), 20);
     assert!(reader.info().missing().iter().any(|line| line.starts_with("format")));
@@ -376,7 +377,7 @@ fn the_machine_files_unit_scales_the_samples_and_absent_channels_are_listed() {
     writer.channel(&channel("x", 100.0, plain), ChannelSamples::F32(&[1.0, -2.0])).unwrap();
     writer.finish().unwrap();
     let machine = machine_with(vec![sensor("x", "g"), sensor("z", "g")]);
-    let mut reader = CaptureReader::open(&path, Some(&machine)).unwrap();
+    let mut reader = CaptureReader::open(&path, Some(&machine), &Hints::default()).unwrap();
     let info = reader.info();
     assert_eq!(info.absent_channels, ["z"]);
     let conflict = Some(("m/s^2".to_owned(), "g".to_owned()));

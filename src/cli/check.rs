@@ -1,12 +1,14 @@
 //! `rotorwatch check`: is a file right, and what does it say?
 
 use super::EXIT_ERROR;
+use super::hints::HintArguments;
 use super::input;
 use super::input::FileKind;
 use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
 use crate::capture::error::CaptureError;
+use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;
 use crate::config;
 use crate::config::Config;
@@ -47,6 +49,9 @@ pub struct Arguments {
     /// List the lines of each machine: shafts, bearings, gears, supply.
     #[arg(long)]
     pub frequencies: bool,
+    /// What the captures do not say.
+    #[command(flatten)]
+    pub hints: HintArguments,
     /// Speed of the first shaft, Hz, for --frequencies; else the capture's or the machine file's.
     #[arg(long, value_name = "HZ", value_parser = super::positive, requires = "frequencies")]
     pub speed: Option<f64>,
@@ -71,6 +76,8 @@ enum CheckError {
     Machine(#[from] MachineFileErrors),
     #[error(transparent)]
     Configuration(#[from] ConfigErrors),
+    #[error(transparent)]
+    Map(#[from] MapError),
     #[error(transparent)]
     Capture(#[from] CaptureError),
     #[error("{}: no speed is known to list lines at: give --speed HZ, or speed_hz of the first [[shaft]]", file.display())]
@@ -108,7 +115,10 @@ fn tell(error: &CheckError) {
         CheckError::Machine(mistakes) => super::tell_lines(mistakes),
         CheckError::Configuration(mistakes) => super::tell_lines(mistakes),
         CheckError::Input(InputError::Mistakes(mistakes)) => super::tell_lines(mistakes),
-        CheckError::Input(_) | CheckError::Capture(_) | CheckError::NoSpeed { .. } => {
+        CheckError::Input(_)
+        | CheckError::Map(_)
+        | CheckError::Capture(_)
+        | CheckError::NoSpeed { .. } => {
             super::tell(error);
         }
     }
@@ -146,7 +156,7 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
 
 /// Reads a capture to its end, and the machine description inside it.
 fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), CheckError> {
-    let mut reader = CaptureReader::open(path, None)?;
+    let mut reader = CaptureReader::open(path, None, &arguments.hints.hints()?)?;
     out.push_str(&reader.info().to_string());
     while reader.next_block()?.is_some() {}
     let told = reader.report();

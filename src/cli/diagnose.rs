@@ -1,6 +1,7 @@
 //! `rotorwatch diagnose`: captures → verdicts.
 
 use super::EXIT_ERROR;
+use super::hints::HintArguments;
 use super::input;
 use super::input::InputError;
 use super::output::Output;
@@ -10,6 +11,7 @@ use super::report;
 use super::report::Layout;
 use super::terminal::Page;
 use crate::api::wire::diagnosis::DiagnosisDocument;
+use crate::capture::map::MapError;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::State;
@@ -58,6 +60,9 @@ pub struct Arguments {
     /// Nominal speed of the first shaft, Hz; a tacho or speed channel wins over it.
     #[arg(long, value_name = "HZ", value_parser = super::positive)]
     pub speed: Option<f64>,
+    /// What the files do not say.
+    #[command(flatten)]
+    pub hints: HintArguments,
     /// Text for people, or one JSON document a line for each capture.
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
@@ -104,6 +109,8 @@ impl FailOn {
 enum DiagnoseError {
     #[error(transparent)]
     Input(#[from] InputError),
+    #[error(transparent)]
+    Map(#[from] MapError),
     #[error(transparent)]
     Output(#[from] OutputError),
     #[error("the baseline {} cannot be used", file.display())]
@@ -154,6 +161,7 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
     let mut reference = Reference {
         machine: machine.map(Arc::new),
         speed: arguments.speed.map(Hz),
+        hints: arguments.hints.hints()?,
         baseline: Baseline::default(),
     };
     reference.baseline = learn(&arguments.baseline, &reference, &progress)?;

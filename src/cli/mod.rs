@@ -4,6 +4,7 @@
 //! an option, 2 an error.
 
 pub mod input;
+pub mod hints;
 pub mod output;
 pub mod terminal;
 pub mod progress;

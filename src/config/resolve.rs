@@ -9,6 +9,7 @@ use super::raw;
 use super::raw::Raw;
 use super::scan::Scan;
 use crate::alarms;
+use crate::capture::hints::Hints;
 use crate::ingest::replay;
 use crate::machine::Machine;
 use crate::pipeline;
@@ -249,6 +250,7 @@ impl Resolver<'_> {
             Some(raw::Speed::Word(raw::SpeedWord::Max)) | None => replay::Speed::Max,
         };
         Some(SourceConfig::Replay(replay::Settings {
+            hints: Hints::default(),
             file,
             speed,
             repeat: raw.r#loop.unwrap_or(false),

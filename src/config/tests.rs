@@ -1,6 +1,7 @@
 //! Every mistake is reported at its place, and the reference tells the truth.
 
 use super::*;
+use crate::capture::hints::Hints;
 use std::ffi::OsString;
 use tempfile::TempDir;
 
@@ -84,7 +85,12 @@ fn a_complete_configuration_is_read() {
     let speed = replay::Speed::Times(2.5);
     assert_eq!(
         machine.source,
-        SourceConfig::Replay(replay::Settings { file, speed, repeat: true })
+        SourceConfig::Replay(replay::Settings {
+            file,
+            hints: Hints::default(),
+            speed,
+            repeat: true
+        })
     );
 }
 

@@ -2,6 +2,7 @@
 
 use super::interleave::Interleaver;
 use crate::capture::error::CaptureError;
+use crate::capture::hints::Hints;
 use crate::capture::reader::CaptureReader;
 use crate::capture::reader::ReadReport;
 use crate::machine::Machine;
@@ -20,6 +21,8 @@ use std::path::PathBuf;
 pub struct Settings {
     /// The capture.
     pub file: PathBuf,
+    /// What is known beside it.
+    pub hints: Hints,
     /// How fast.
     pub speed: Speed,
     /// Whether to begin again at the end; indices, segments and times go on.
@@ -122,12 +125,12 @@ pub enum End {
 ///
 /// # Errors
 /// When the file is no capture or cannot be read.
-pub fn open(file: &Path, machine: &Machine) -> Result<Stream, ReplayError> {
+pub fn open(file: &Path, machine: &Machine, hints: &Hints) -> Result<Stream, ReplayError> {
     let failed = |source: CaptureError| ReplayError::Open {
         file: file.to_owned(),
         source: Box::new(source),
     };
-    let mut reader = CaptureReader::open(file, Some(machine)).map_err(failed)?;
+    let mut reader = CaptureReader::open(file, Some(machine), hints).map_err(failed)?;
     let described = reader.info();
     let info = StreamInfo {
         channels: described.channels.iter().map(|c| c.info.clone()).collect(),
@@ -314,7 +317,7 @@ mod tests {
     }
 
     fn settings(speed: Speed, repeat: bool) -> Settings {
-        Settings { file: PathBuf::from("x.h5"), speed, repeat }
+        Settings { file: PathBuf::from("x.h5"), hints: Hints::default(), speed, repeat }
     }
 
     #[test]
