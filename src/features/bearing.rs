@@ -10,6 +10,8 @@ use super::bands::Band;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::machine::BearingIndex;
+use crate::machine::uncertainty::OrderBands;
+use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 
@@ -58,10 +60,21 @@ impl DefectLine {
     /// Relative tolerance of the line's rate around the kinematic value: slip −2…+1 % for the races
     /// and the cage, ± 2 % for the rolling element, whose contact angle varies.
     #[must_use]
-    pub fn tolerance(self) -> (f64, f64) {
+    pub fn tolerance(self) -> RelativeBand {
         match self {
-            Self::Bpfi | Self::Bpfo | Self::Ftf => (-0.02, 0.01),
-            Self::TwoBsf => (-0.02, 0.02),
+            Self::Bpfi | Self::Bpfo | Self::Ftf => RelativeBand { low: -0.02, high: 0.01 },
+            Self::TwoBsf => RelativeBand { low: -0.02, high: 0.02 },
+        }
+    }
+
+    /// What a bearing's geometry leaves open of this line's rate.
+    #[must_use]
+    pub fn band_of(self, bands: &OrderBands) -> RelativeBand {
+        match self {
+            Self::Bpfi => bands.bpfi,
+            Self::Bpfo => bands.bpfo,
+            Self::TwoBsf => bands.two_bsf,
+            Self::Ftf => bands.ftf,
         }
     }
 }
@@ -122,6 +135,13 @@ pub enum Unreadable {
         /// Which.
         with: String,
     },
+    /// The limits of the bearing's geometry leave room for two lines at one place.
+    GeometryUncertain {
+        /// The other line.
+        with: DefectLine,
+        /// Limits of this line's rate.
+        band: RelativeBand,
+    },
 }
 
 /// The search for one line of one bearing in one channel.
@@ -163,6 +183,8 @@ pub struct LineTask<'a> {
     pub line: DefectLine,
     /// Kinematic rate.
     pub expected: Hz,
+    /// Limits of that rate which the geometry leaves, slip not counted.
+    pub band: RelativeBand,
     /// Spacing of the side bands: 1× for races that turn, FTF for the rolling element.
     pub side_band_spacing: Hz,
     /// Lines to keep clear of.
@@ -193,6 +215,38 @@ const HANN_ENBW: f64 = 1.5;
 /// cell does so once in 160 000.
 const STANDS_OUT: f64 = 12.0;
 
+/// Lowest and highest rate at which a line is sought: slip (F5) and what the geometry leaves (K16).
+#[must_use]
+pub fn searched_range(line: DefectLine, expected: Hz, band: RelativeBand) -> (Hz, Hz) {
+    let both = band.and(line.tolerance());
+    (Hz(expected.0 * (1.0 + both.low)), Hz(expected.0 * (1.0 + both.high)))
+}
+
+/// Finds which known line, if any, blocks a line whose geometry leaves `band`: one of those that
+/// together cover every place it may stand at without slip.
+#[must_use]
+pub fn covering(
+    expected: Hz,
+    band: RelativeBand,
+    known: &[KnownLine],
+    resolution: Hz,
+) -> Option<&KnownLine> {
+    if band.is_zero() {
+        return coinciding(expected, known, resolution);
+    }
+    let last = expected.0 * (1.0 + band.high);
+    let mut place = Hz(expected.0 * (1.0 + band.low));
+    loop {
+        let near = known.iter().filter(|line| (line.frequency.0 - place.0).abs() < resolution.0);
+        let line = near.max_by(|a, b| a.frequency.0.total_cmp(&b.frequency.0))?;
+        let next = line.frequency.0 + resolution.0;
+        if next > last || next <= place.0 {
+            return Some(line);
+        }
+        place = Hz(next);
+    }
+}
+
 /// Finds which known line, if any, blocks the whole neighbourhood of `expected`: slip of races is
 /// small and negative, so a line is lost when its kinematic place is covered.
 #[must_use]
@@ -209,9 +263,9 @@ pub fn read_line(
     task: &LineTask<'_>,
     scratch: &mut Vec<f32>,
 ) -> Option<BandReading> {
-    let (low, high) = task.line.tolerance();
-    let first = bin_at(task.expected.0 * (1.0 + low), spectrum.bin_hz);
-    let last = bin_at(task.expected.0 * (1.0 + high), spectrum.bin_hz);
+    let (low, high) = searched_range(task.line, task.expected, task.band);
+    let first = bin_at(low.0, spectrum.bin_hz);
+    let last = bin_at(high.0, spectrum.bin_hz);
     let found = strongest(spectrum, task, first, last)?;
     let n_cells = searched_cells(first, last, spectrum);
     let mut harmonics = [None; N_HARMONICS];
@@ -367,6 +421,7 @@ mod tests {
         LineTask {
             line: DefectLine::Bpfo,
             expected: Hz(100.0),
+            band: RelativeBand::default(),
             side_band_spacing: Hz(25.0),
             known,
             resolution: Hz(0.2),
