@@ -240,8 +240,11 @@ pub fn covering(
         let near = known.iter().filter(|line| (line.frequency.0 - place.0).abs() < resolution.0);
         let line = near.max_by(|a, b| a.frequency.0.total_cmp(&b.frequency.0))?;
         let next = line.frequency.0 + resolution.0;
-        if next > last || next <= place.0 {
+        if next > last {
             return Some(line);
+        }
+        if next <= place.0 {
+            return None;
         }
         place = Hz(next);
     }
@@ -461,6 +464,38 @@ mod tests {
             let read = peak_height(&depth, at);
             assert!((read / 0.4 - 1.0).abs() < 3e-3, "{shift}: {read}");
         }
+    }
+
+    #[test]
+    fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
+        // 97.0 Hz lies 3 % below the kinematic rate: beyond slip, within slip and 2 % of geometry.
+        let depth = spectrum_with(97.0, &[0.5], 0.05);
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let read = |band: RelativeBand| {
+            read_line(&spectrum, BAND, &LineTask { band, ..task(&[]) }, &mut Vec::new()).unwrap()
+        };
+        let exact = read(RelativeBand::default());
+        let wide = read(RelativeBand { low: -0.02, high: 0.02 });
+        assert!((wide.frequency.0 - 97.0).abs() < 0.05, "one bin of the grid");
+        assert!((exact.frequency.0 - 97.0).abs() > 0.5, "outside of what slip explains");
+        let cells = |reading: &BandReading| reading.harmonics[0].unwrap().n_cells;
+        // −2…+1 % of 100 Hz in 10 s are 30 steps; −3.96…+3.02 % are 70.
+        assert!((cells(&exact) - 32.0).abs() < 0.6 && (cells(&wide) - 71.8).abs() < 0.6);
+    }
+
+    #[test]
+    fn a_range_is_lost_only_if_known_lines_cover_all_of_it() {
+        let line = |hz: f64| KnownLine { frequency: Hz(hz), label: format!("{hz}") };
+        let known = [line(100.0), line(101.0)];
+        let found = |high: f64, resolution: f64| {
+            let band = RelativeBand { low: 0.0, high };
+            covering(Hz(100.0), band, &known, Hz(resolution)).map(|line| line.label.clone())
+        };
+        assert_eq!(found(0.0, 0.2).as_deref(), Some("100"));
+        assert_eq!(found(0.01, 0.2), None, "between the two lines there is room");
+        assert_eq!(found(0.01, 0.6).as_deref(), Some("101"));
+        assert_eq!(found(0.03, 0.6), None);
     }
 
     #[test]

@@ -372,3 +372,46 @@ pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
     let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
     supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::file;
+
+    fn outcomes(designation: &str) -> Vec<(DefectLine, Option<Unreadable>)> {
+        let text = format!(
+            "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+             [[bearing]]\nid='b'\nshaft='s'\ncatalogue='{designation}'\n\
+             [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={{bearing='b'}}\n"
+        );
+        let machine = file::parse(&text, "m.toml").unwrap();
+        let reader = LineReader::new(&machine, Hz(29.5));
+        let targets = reader.targets(&machine.sensors[0]);
+        targets.iter().map(|t| (t.line, t.unreadable((Hz(0.0), Hz(5000.0)), 10.0))).collect()
+    }
+
+    #[test]
+    fn lines_of_a_well_known_bearing_are_all_readable() {
+        for designation in ["SKF 6205", "NTN 6203", "SKF 6309", "6206-2Z", "NU 206 ECP"] {
+            for (line, outcome) in outcomes(designation) {
+                assert_eq!(outcome, None, "{designation} {}", line.name());
+            }
+        }
+    }
+
+    #[test]
+    fn lines_that_an_uncertain_geometry_lets_meet_are_not_guessed() {
+        // One maker's data alone: one ball more or less brings BPFI and 2·BSF together.
+        let outcomes = outcomes("FAG 6317");
+        let of = |line: DefectLine| &outcomes.iter().find(|(l, _)| *l == line).unwrap().1;
+        assert!(matches!(
+            of(DefectLine::Bpfi),
+            Some(Unreadable::GeometryUncertain { with: DefectLine::TwoBsf, band }) if band.high > 0.1
+        ));
+        assert!(matches!(
+            of(DefectLine::TwoBsf),
+            Some(Unreadable::GeometryUncertain { with: DefectLine::Bpfi, .. })
+        ));
+        assert_eq!(*of(DefectLine::Ftf), None, "the cage does not depend on the number of balls");
+    }
+}

@@ -132,13 +132,18 @@ fn inside(
         bore_mm: None,
         outer_mm: None,
         elements: geometry.elements(),
-        element_diameter_mm: finite(geometry.element_diameter_m() * 1e3),
-        pitch_diameter_mm: finite(geometry.pitch_diameter_m() * 1e3),
-        contact_angle_deg: finite(geometry.contact_angle_rad().to_degrees()),
+        element_diameter_mm: finite(rounded(geometry.element_diameter_m() * 1e3)),
+        pitch_diameter_mm: finite(rounded(geometry.pitch_diameter_m() * 1e3)),
+        contact_angle_deg: finite(rounded(geometry.contact_angle_rad().to_degrees())),
         lines: lines(&geometry.fault_orders(RotatingRing::Inner), bands, speed),
         ignored: Vec::new(),
         remarks: Vec::new(),
     }
+}
+
+/// Takes away what the conversion of units left behind the sixth decimal.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
 }
 
 fn lines(orders: &FaultOrders, bands: &OrderBands, speed: Option<Hz>) -> Vec<Line> {

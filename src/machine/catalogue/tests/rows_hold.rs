@@ -176,7 +176,11 @@ fn load_ratings_follow_from_number_and_size_of_the_balls() {
         let (c, c0) = (ball_dynamic_kn(row), ball_static_kn(row));
         let (published_c, published_c0) = row.ratings_kn;
         // Three digits published, f_c and f_0 in steps; 2 % is half of what one ball makes.
-        assert!((c0 / published_c0 - 1.0).abs() < 0.02, "{}: C0 {c0:.2}", row.designation);
+        assert!(
+            (c0 / published_c0 - 1.0).abs() < 0.02,
+            "{}: static rating {c0:.2}",
+            row.designation
+        );
         let ratio = published_c / c;
         let expected = if row.sources[0] == "skf2018" { ABOVE_ISO_BALL } else { (0.98, 1.02) };
         assert!(
@@ -190,7 +194,7 @@ fn load_ratings_follow_from_number_and_size_of_the_balls() {
 
 #[test]
 fn the_other_contact_angle_gives_its_own_ratings() {
-    // 40° of the same balls, published beside 30°: C and C0 of 7205B, 7305B, 7310B, 7320B.
+    // 40° of the same balls, published beside 30°: both ratings of 7205B, 7305B, 7310B, 7320B.
     for (name, c, c0) in
         [("7205", 14.8, 9.4), ("7305", 24.4, 14.6), ("7310", 68.0, 48.0), ("7320", 190.0, 178.0)]
     {
