@@ -7,6 +7,7 @@
 //! F5–F8).
 
 use super::bands::Band;
+use super::reach::searched_range;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::machine::BearingIndex;
@@ -214,41 +215,6 @@ const HANN_ENBW: f64 = 1.5;
 /// A harmonic takes part in the frequency estimate when its power ratio exceeds this: at 12 a noise
 /// cell does so once in 160 000.
 const STANDS_OUT: f64 = 12.0;
-
-/// Lowest and highest rate at which a line is sought: slip (F5) and what the geometry leaves (K16).
-#[must_use]
-pub fn searched_range(line: DefectLine, expected: Hz, band: RelativeBand) -> (Hz, Hz) {
-    let both = band.and(line.tolerance());
-    (Hz(expected.0 * (1.0 + both.low)), Hz(expected.0 * (1.0 + both.high)))
-}
-
-/// Finds which known line, if any, blocks a line whose geometry leaves `band`: one of those that
-/// together cover every place it may stand at without slip.
-#[must_use]
-pub fn covering(
-    expected: Hz,
-    band: RelativeBand,
-    known: &[KnownLine],
-    resolution: Hz,
-) -> Option<&KnownLine> {
-    if band.is_zero() {
-        return coinciding(expected, known, resolution);
-    }
-    let last = expected.0 * (1.0 + band.high);
-    let mut place = Hz(expected.0 * (1.0 + band.low));
-    loop {
-        let near = known.iter().filter(|line| (line.frequency.0 - place.0).abs() < resolution.0);
-        let line = near.max_by(|a, b| a.frequency.0.total_cmp(&b.frequency.0))?;
-        let next = line.frequency.0 + resolution.0;
-        if next > last {
-            return Some(line);
-        }
-        if next <= place.0 {
-            return None;
-        }
-        place = Hz(next);
-    }
-}
 
 /// Finds which known line, if any, blocks the whole neighbourhood of `expected`: slip of races is
 /// small and negative, so a line is lost when its kinematic place is covered.
@@ -482,20 +448,6 @@ mod tests {
         let cells = |reading: &BandReading| reading.harmonics[0].unwrap().n_cells;
         // −2…+1 % of 100 Hz in 10 s are 30 steps; −3.96…+3.02 % are 70.
         assert!((cells(&exact) - 32.0).abs() < 0.6 && (cells(&wide) - 71.8).abs() < 0.6);
-    }
-
-    #[test]
-    fn a_range_is_lost_only_if_known_lines_cover_all_of_it() {
-        let line = |hz: f64| KnownLine { frequency: Hz(hz), label: format!("{hz}") };
-        let known = [line(100.0), line(101.0)];
-        let found = |high: f64, resolution: f64| {
-            let band = RelativeBand { low: 0.0, high };
-            covering(Hz(100.0), band, &known, Hz(resolution)).map(|line| line.label.clone())
-        };
-        assert_eq!(found(0.0, 0.2).as_deref(), Some("100"));
-        assert_eq!(found(0.01, 0.2), None, "between the two lines there is room");
-        assert_eq!(found(0.01, 0.6).as_deref(), Some("101"));
-        assert_eq!(found(0.03, 0.6), None);
     }
 
     #[test]

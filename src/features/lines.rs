@@ -13,6 +13,7 @@ use super::bearing::KnownLine;
 use super::bearing::LineSearch;
 use super::bearing::LineTask;
 use super::bearing::Unreadable;
+use super::reach;
 use crate::dsp::envelope;
 use crate::dsp::envelope::EnvelopeSpectrumPlan;
 use crate::dsp::envelope::SquaredEnvelopePlan;
@@ -316,7 +317,7 @@ impl Target {
         if let Some(with) = self.rival {
             return Some(Unreadable::GeometryUncertain { with, band: self.band });
         }
-        bearing::covering(self.expected, self.band, &self.known, Hz(HANN_LOBE / duration_s))
+        reach::covering(self.expected, self.band, &self.known, Hz(HANN_LOBE / duration_s))
             .map(|line| Unreadable::Coincides { with: line.label.clone() })
     }
 
@@ -348,7 +349,7 @@ fn rate_of(line: DefectLine, rates: &FaultRates) -> Hz {
 fn rival(line: DefectLine, rates: &FaultRates, bands: &OrderBands) -> Option<DefectLine> {
     let exact = OrderBands::default();
     let range = |line: DefectLine, bands: &OrderBands| {
-        bearing::searched_range(line, rate_of(line, rates), line.band_of(bands))
+        reach::searched_range(line, rate_of(line, rates), line.band_of(bands))
     };
     let meet = |other: DefectLine, bands: &OrderBands| {
         let ((low, high), (other_low, other_high)) = (range(line, bands), range(other, bands));
