@@ -11,6 +11,7 @@ pub mod progress;
 pub mod report;
 pub mod diagnose;
 pub mod check;
+pub mod bearings;
 pub mod serve;
 pub mod demo;
 pub mod openapi;
@@ -76,6 +77,9 @@ pub enum Command {
     /// Check machine files, configurations and captures, and list a machine's frequencies
     #[command(after_help = check::EXAMPLES)]
     Check(check::Arguments),
+    /// List bearings by designation: geometry, fault frequencies, how well they are known
+    #[command(after_help = bearings::EXAMPLES)]
+    Bearings(bearings::Arguments),
     /// Run the daemon: watch machines and answer over HTTP
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::Arguments),
@@ -107,6 +111,7 @@ pub fn run(cli: &Cli) -> ExitCode {
     match &cli.command {
         Command::Diagnose(arguments) => diagnose::run(arguments),
         Command::Check(arguments) => check::run(arguments),
+        Command::Bearings(arguments) => bearings::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),

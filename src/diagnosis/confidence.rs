@@ -65,6 +65,8 @@ pub fn normal_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::features::bands::Band;
+    use crate::units::Hz;
     use proptest::prelude::*;
 
     proptest! {
@@ -79,6 +81,24 @@ mod tests {
             let best = p.iter().copied().fold(1.0, f64::min);
             prop_assert!(combine(&p) >= best);
         }
+    }
+
+    #[test]
+    fn a_wider_search_makes_the_same_line_less_probable_to_be_none() {
+        let reading = |n_cells: f64| {
+            let fundamental = Harmonic { power_ratio: 25.0, depth: 0.3, floor_dof: 100.0, n_cells };
+            let second = Harmonic { n_cells: 3.0, ..fundamental };
+            BandReading {
+                band: Band { low: Hz(0.0), high: Hz(5000.0), whitened: false },
+                frequency: Hz(100.0),
+                harmonics: [Some(fundamental), Some(second), None, None],
+                side_band: None,
+                mean_square: 1.0,
+            }
+        };
+        // 32 cells for slip alone, 72 with 2 % of geometry: the price is the ratio of the cells.
+        let (exact, wide) = (band_probability(&reading(32.0)), band_probability(&reading(72.0)));
+        assert!((wide / exact - 72.0 / 32.0).abs() < 0.01, "{exact:e} {wide:e}");
     }
 
     #[test]

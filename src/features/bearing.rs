@@ -7,9 +7,12 @@
 //! F5–F8).
 
 use super::bands::Band;
+use super::reach::searched_range;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::machine::BearingIndex;
+use crate::machine::uncertainty::OrderBands;
+use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 
@@ -58,10 +61,21 @@ impl DefectLine {
     /// Relative tolerance of the line's rate around the kinematic value: slip −2…+1 % for the races
     /// and the cage, ± 2 % for the rolling element, whose contact angle varies.
     #[must_use]
-    pub fn tolerance(self) -> (f64, f64) {
+    pub fn tolerance(self) -> RelativeBand {
         match self {
-            Self::Bpfi | Self::Bpfo | Self::Ftf => (-0.02, 0.01),
-            Self::TwoBsf => (-0.02, 0.02),
+            Self::Bpfi | Self::Bpfo | Self::Ftf => RelativeBand { low: -0.02, high: 0.01 },
+            Self::TwoBsf => RelativeBand { low: -0.02, high: 0.02 },
+        }
+    }
+
+    /// What a bearing's geometry leaves open of this line's rate.
+    #[must_use]
+    pub fn band_of(self, bands: &OrderBands) -> RelativeBand {
+        match self {
+            Self::Bpfi => bands.bpfi,
+            Self::Bpfo => bands.bpfo,
+            Self::TwoBsf => bands.two_bsf,
+            Self::Ftf => bands.ftf,
         }
     }
 }
@@ -122,6 +136,13 @@ pub enum Unreadable {
         /// Which.
         with: String,
     },
+    /// The limits of the bearing's geometry leave room for two lines at one place.
+    GeometryUncertain {
+        /// The other line.
+        with: DefectLine,
+        /// Limits of this line's rate.
+        band: RelativeBand,
+    },
 }
 
 /// The search for one line of one bearing in one channel.
@@ -163,6 +184,8 @@ pub struct LineTask<'a> {
     pub line: DefectLine,
     /// Kinematic rate.
     pub expected: Hz,
+    /// Limits of that rate which the geometry leaves, slip not counted.
+    pub band: RelativeBand,
     /// Spacing of the side bands: 1× for races that turn, FTF for the rolling element.
     pub side_band_spacing: Hz,
     /// Lines to keep clear of.
@@ -209,9 +232,9 @@ pub fn read_line(
     task: &LineTask<'_>,
     scratch: &mut Vec<f32>,
 ) -> Option<BandReading> {
-    let (low, high) = task.line.tolerance();
-    let first = bin_at(task.expected.0 * (1.0 + low), spectrum.bin_hz);
-    let last = bin_at(task.expected.0 * (1.0 + high), spectrum.bin_hz);
+    let (low, high) = searched_range(task.line, task.expected, task.band);
+    let first = bin_at(low.0, spectrum.bin_hz);
+    let last = bin_at(high.0, spectrum.bin_hz);
     let found = strongest(spectrum, task, first, last)?;
     let n_cells = searched_cells(first, last, spectrum);
     let mut harmonics = [None; N_HARMONICS];
@@ -367,6 +390,7 @@ mod tests {
         LineTask {
             line: DefectLine::Bpfo,
             expected: Hz(100.0),
+            band: RelativeBand::default(),
             side_band_spacing: Hz(25.0),
             known,
             resolution: Hz(0.2),
@@ -406,6 +430,24 @@ mod tests {
             let read = peak_height(&depth, at);
             assert!((read / 0.4 - 1.0).abs() < 3e-3, "{shift}: {read}");
         }
+    }
+
+    #[test]
+    fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
+        // 97.0 Hz lies 3 % below the kinematic rate: beyond slip, within slip and 2 % of geometry.
+        let depth = spectrum_with(97.0, &[0.5], 0.05);
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let read = |band: RelativeBand| {
+            read_line(&spectrum, BAND, &LineTask { band, ..task(&[]) }, &mut Vec::new()).unwrap()
+        };
+        let exact = read(RelativeBand::default());
+        let wide = read(RelativeBand { low: -0.02, high: 0.02 });
+        assert!((wide.frequency.0 - 97.0).abs() < 0.05, "one bin of the grid");
+        assert!((exact.frequency.0 - 97.0).abs() > 0.5, "outside of what slip explains");
+        let cells = |reading: &BandReading| reading.harmonics[0].unwrap().n_cells;
+        // −2…+1 % of 100 Hz in 10 s are 30 steps; −3.96…+3.02 % are 70.
+        assert!((cells(&exact) - 32.0).abs() < 0.6 && (cells(&wide) - 71.8).abs() < 0.6);
     }
 
     #[test]

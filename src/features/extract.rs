@@ -424,8 +424,19 @@ fn imitators(machine: &Machine) -> Vec<f64> {
     for bearing in &machine.bearings {
         let ratio = machine.shafts[bearing.shaft.0].ratio_to_first;
         if let (Some(found), Some(ratio)) = (bearing.fault_orders(), ratio) {
-            for order in [found.bpfo, found.bpfi, 2.0 * found.bsf] {
-                orders.extend([order * ratio, 2.0 * order * ratio]);
+            let bands = &bearing.bands;
+            let lines = [
+                (found.bpfo, bands.bpfo),
+                (found.bpfi, bands.bpfi),
+                (found.two_bsf(), bands.two_bsf),
+            ];
+            for (order, band) in lines {
+                // Close enough together for the comb's reach around each.
+                let places = [band.low, band.low / 2.0, 0.0, band.high / 2.0, band.high];
+                for place in places {
+                    let order = order * ratio * (1.0 + place);
+                    orders.extend([order, 2.0 * order]);
+                }
             }
         }
     }

@@ -13,6 +13,7 @@ use super::bearing::KnownLine;
 use super::bearing::LineSearch;
 use super::bearing::LineTask;
 use super::bearing::Unreadable;
+use super::reach;
 use crate::dsp::envelope;
 use crate::dsp::envelope::EnvelopeSpectrumPlan;
 use crate::dsp::envelope::SquaredEnvelopePlan;
@@ -21,9 +22,12 @@ use crate::dsp::real::floor_index;
 use crate::dsp::whiten::WhitenPlan;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
+use crate::machine::bearing::FaultRates;
 use crate::machine::sensor::Location;
 use crate::machine::sensor::Sensor;
 use crate::machine::sensor::SensorKind;
+use crate::machine::uncertainty::OrderBands;
+use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
@@ -49,6 +53,9 @@ struct Target {
     bearing: BearingIndex,
     line: DefectLine,
     expected: Hz,
+    band: RelativeBand,
+    /// Another line of the bearing that may stand at the same place, given its geometry's limits.
+    rival: Option<DefectLine>,
     shaft_speed: Hz,
     side_band_spacing: Hz,
     /// Lines to keep clear of.
@@ -127,7 +134,8 @@ impl<'m> LineReader<'m> {
         let mut whitened = vec![Complex::default(); x_hat.len()];
         let half_width = floor_index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
         WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
-        let fastest = pending.iter().map(|(_, t)| t.expected.0).fold(0.0, f64::max);
+        let fastest = |(_, t): &(usize, Target)| t.expected.0 * (1.0 + t.band.high);
+        let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
         for band in bands::demodulation_bands(usable, min_width) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
@@ -153,7 +161,8 @@ impl<'m> LineReader<'m> {
     pub fn top(&self) -> Hz {
         let bearings = self.machine.bearings.iter().filter_map(|bearing| {
             let speed = self.machine.shaft_speed(bearing.shaft, self.first)?;
-            Some(bearing.fault_rates(speed)?.bpfi.0 * bearing::N_HARMONICS as f64)
+            let fastest = bearing.fault_rates(speed)?.bpfi.0 * (1.0 + bearing.bands.bpfi.high);
+            Some(fastest * bearing::N_HARMONICS as f64)
         });
         let gears = self.machine.gears.iter().filter_map(|gear| {
             let speed = self.machine.shaft_speed(gear.driving.shaft, self.first)?;
@@ -252,15 +261,23 @@ impl<'m> LineReader<'m> {
             let Some(shaft_speed) = speed else { continue };
             let Some(rates) = described.fault_rates(shaft_speed) else { continue };
             let ftf = Hz(rates.ftf.0.abs());
+            let bands = described.bands;
             targets.extend(DefectLine::ALL.into_iter().map(|line| {
-                let (expected, side_band_spacing) = match line {
-                    DefectLine::Bpfi => (rates.bpfi, shaft_speed),
-                    DefectLine::Bpfo => (rates.bpfo, shaft_speed),
-                    DefectLine::TwoBsf => (rates.two_bsf(), ftf),
-                    DefectLine::Ftf => (ftf, shaft_speed),
-                };
-                let known = self.known_lines(expected);
-                Target { bearing, line, expected, shaft_speed, side_band_spacing, known }
+                let expected = rate_of(line, &rates);
+                let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
+                let band = line.band_of(&bands);
+                let known = self.known_lines(Hz(expected.0 * (1.0 + band.high)));
+                let rival = rival(line, &rates, &bands);
+                Target {
+                    bearing,
+                    line,
+                    expected,
+                    band,
+                    rival,
+                    shaft_speed,
+                    side_band_spacing,
+                    known,
+                }
             }));
         }
         targets
@@ -288,7 +305,8 @@ impl Target {
     /// Why this line cannot be read in a window of `duration_s`, if so.
     fn unreadable(&self, usable: (Hz, Hz), duration_s: f64) -> Option<Unreadable> {
         let (low, high) = usable;
-        let needed = Hz(low.0 + self.expected.0 * MIN_WIDTH_PER_LINE);
+        let fastest = self.expected.0 * (1.0 + self.band.high);
+        let needed = Hz(low.0 + fastest * MIN_WIDTH_PER_LINE);
         if high.0 < needed.0 {
             return Some(Unreadable::TooSlow { usable: high, needed });
         }
@@ -296,7 +314,10 @@ impl Target {
         if duration_s < needed_s {
             return Some(Unreadable::TooShort { needed_s });
         }
-        bearing::coinciding(self.expected, &self.known, Hz(HANN_LOBE / duration_s))
+        if let Some(with) = self.rival {
+            return Some(Unreadable::GeometryUncertain { with, band: self.band });
+        }
+        reach::covering(self.expected, self.band, &self.known, Hz(HANN_LOBE / duration_s))
             .map(|line| Unreadable::Coincides { with: line.label.clone() })
     }
 
@@ -304,12 +325,38 @@ impl Target {
         LineTask {
             line: self.line,
             expected: self.expected,
+            band: self.band,
             side_band_spacing: self.side_band_spacing,
             known: &self.known,
             resolution: Hz(HANN_LOBE / duration_s),
             floor_half_width: Hz((0.8 * self.shaft_speed.0).max(25.0 / duration_s)),
         }
     }
+}
+
+/// Kinematic rate of a line, without sign.
+fn rate_of(line: DefectLine, rates: &FaultRates) -> Hz {
+    match line {
+        DefectLine::Bpfi => rates.bpfi,
+        DefectLine::Bpfo => rates.bpfo,
+        DefectLine::TwoBsf => rates.two_bsf(),
+        DefectLine::Ftf => Hz(rates.ftf.0.abs()),
+    }
+}
+
+/// The line whose searched range meets that of `line` because of the geometry's limits, if any.
+/// Lines that slip alone brings together are as told apart as they ever were.
+fn rival(line: DefectLine, rates: &FaultRates, bands: &OrderBands) -> Option<DefectLine> {
+    let exact = OrderBands::default();
+    let range = |line: DefectLine, bands: &OrderBands| {
+        reach::searched_range(line, rate_of(line, rates), line.band_of(bands))
+    };
+    let meet = |other: DefectLine, bands: &OrderBands| {
+        let ((low, high), (other_low, other_high)) = (range(line, bands), range(other, bands));
+        low.0 <= other_high.0 && other_low.0 <= high.0
+    };
+    let others = DefectLine::ALL.into_iter().filter(|other| *other != line);
+    others.into_iter().find(|&other| meet(other, bands) && !meet(other, &exact))
 }
 
 /// Harmonics of `fundamental` below `top`, at most 200.
@@ -325,4 +372,47 @@ fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
 pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
     let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
     supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::file;
+
+    fn outcomes(designation: &str) -> Vec<(DefectLine, Option<Unreadable>)> {
+        let text = format!(
+            "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+             [[bearing]]\nid='b'\nshaft='s'\ncatalogue='{designation}'\n\
+             [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={{bearing='b'}}\n"
+        );
+        let machine = file::parse(&text, "m.toml").unwrap();
+        let reader = LineReader::new(&machine, Hz(29.5));
+        let targets = reader.targets(&machine.sensors[0]);
+        targets.iter().map(|t| (t.line, t.unreadable((Hz(0.0), Hz(5000.0)), 10.0))).collect()
+    }
+
+    #[test]
+    fn lines_of_a_well_known_bearing_are_all_readable() {
+        for designation in ["SKF 6205", "NTN 6203", "SKF 6309", "6206-2Z", "NU 206 ECP"] {
+            for (line, outcome) in outcomes(designation) {
+                assert_eq!(outcome, None, "{designation} {}", line.name());
+            }
+        }
+    }
+
+    #[test]
+    fn lines_that_an_uncertain_geometry_lets_meet_are_not_guessed() {
+        // One maker's data alone: one ball more or less brings BPFI and 2·BSF together.
+        let outcomes = outcomes("FAG 6317");
+        let of = |line: DefectLine| &outcomes.iter().find(|(l, _)| *l == line).unwrap().1;
+        assert!(matches!(
+            of(DefectLine::Bpfi),
+            Some(Unreadable::GeometryUncertain { with: DefectLine::TwoBsf, band }) if band.high > 0.1
+        ));
+        assert!(matches!(
+            of(DefectLine::TwoBsf),
+            Some(Unreadable::GeometryUncertain { with: DefectLine::Bpfi, .. })
+        ));
+        assert_eq!(*of(DefectLine::Ftf), None, "the cage does not depend on the number of balls");
+    }
 }

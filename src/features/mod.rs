@@ -11,6 +11,7 @@ pub mod overall;
 pub mod shaft;
 pub mod bands;
 pub mod bearing;
+pub mod reach;
 pub mod lines;
 pub mod absolute;
 pub mod gear;

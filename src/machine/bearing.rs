@@ -5,6 +5,7 @@
 //! Equations K1–K7 of `docs/theory.md`.
 
 use super::ShaftIndex;
+use super::uncertainty::OrderBands;
 use crate::units::Hz;
 
 /// Fewest rolling elements that hold a shaft in place.
@@ -106,10 +107,12 @@ pub struct Bearing {
     pub id: String,
     /// Shaft it carries.
     pub shaft: ShaftIndex,
-    /// Maker's designation as written; resolving it needs the catalogue.
+    /// Maker's designation as written.
     pub catalogue: Option<String>,
-    /// Geometry; `None` when only a designation is given.
+    /// Geometry: as stated, else the catalogue's; `None` when neither is known.
     pub geometry: Option<BearingGeometry>,
+    /// Limits of the fault orders around those of the geometry; zero for one stated by hand.
+    pub bands: OrderBands,
     /// Which ring turns.
     pub rotating_ring: RotatingRing,
 }

@@ -5,6 +5,9 @@
 
 pub mod shaft;
 pub mod bearing;
+pub mod uncertainty;
+pub mod catalogue;
+mod nearest;
 pub mod gear;
 pub mod motor;
 pub mod sensor;

@@ -3,6 +3,7 @@
 //! Text only: the numbers come from [`super::kinematics`]. Must not know where the text goes.
 
 use super::Machine;
+use super::catalogue;
 use super::kinematics::FrequencyTable;
 use super::kinematics::coincidence::{Coincidence, MAX_COINCIDENCES};
 use super::kinematics::line::FrequencyLine;
@@ -54,11 +55,13 @@ pub fn frequencies(machine: &Machine, table: &FrequencyTable, resolution: Hz) ->
     text
 }
 
-/// A row of cells, the first three aligned left, the rest right.
-type Row = [String; 6];
+/// A row of cells: part, id, line, Hz, order, shaft, limits.
+type Row = [String; 7];
 
 fn rows(machine: &Machine, table: &FrequencyTable) -> Vec<Row> {
-    let head = ["part", "id", "line", "Hz", "order", "of shaft"].map(str::to_owned);
+    let any_band = table.lines.iter().any(|line| !line.band.is_zero());
+    let band = if any_band { "geometry" } else { "" };
+    let head = ["part", "id", "line", "Hz", "order", "of shaft", band].map(str::to_owned);
     let row = |line: &FrequencyLine| {
         let order = line.order.map_or("-".to_owned(), |order| format!("{:.4}", order.0));
         [
@@ -68,6 +71,7 @@ fn rows(machine: &Machine, table: &FrequencyTable) -> Vec<Row> {
             format!("{:.4}", line.frequency.0),
             order,
             machine.shaft(line.shaft).id.clone(),
+            if line.band.is_zero() { String::new() } else { catalogue::percent(line.band) },
         ]
     };
     std::iter::once(head).chain(table.lines.iter().map(row)).collect()
@@ -75,7 +79,7 @@ fn rows(machine: &Machine, table: &FrequencyTable) -> Vec<Row> {
 
 /// Pads every column to its widest cell.
 fn columns(rows: &[Row]) -> String {
-    let mut widths = [0; 6];
+    let mut widths = [0; 7];
     for row in rows {
         for (width, cell) in widths.iter_mut().zip(row) {
             *width = cell.chars().count().max(*width);
@@ -166,6 +170,19 @@ closer than 0.5 Hz, not told apart by frequency
   25.0000 Hz: s 2x and motor[0] 2x synchronous supply
 ";
         assert_eq!(frequencies(&machine, &table, Hz(0.5)), expected);
+    }
+
+    #[test]
+    fn lines_of_a_catalogue_bearing_show_what_its_geometry_leaves() {
+        let text = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+                    [[bearing]]\nid='b'\nshaft='s'\ncatalogue='SKF 6205'\n";
+        let machine = file::parse(text, "m.toml").unwrap();
+        let table = kinematics::frequency_table(&machine, Hz(10.0));
+        let text = frequencies(&machine, &table, Hz(0.001));
+        let line = text.lines().find(|line| line.contains("  BPFO ")).unwrap();
+        assert!(line.ends_with("±0.4 %"), "{line}");
+        let shaft = text.lines().find(|line| line.starts_with("shaft")).unwrap();
+        assert!(shaft.ends_with("  s"), "{shaft}");
     }
 
     #[test]

@@ -205,7 +205,7 @@ mod tests {
     /// A machine with one sensor per (kind, unit, place, axis in degrees).
     fn machine(sensors: &[(&str, &str, &str, f64)]) -> Machine {
         let mut text = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
-                        [[bearing]]\nid='b'\nshaft='s'\ncatalogue='X'\n"
+                        [[bearing]]\nid='b'\nshaft='s'\ncatalogue='6205'\n"
             .to_owned();
         for (index, (kind, unit, at, axis)) in sensors.iter().enumerate() {
             text.push_str(&format!(

@@ -97,9 +97,24 @@ fn the_committed_documents_are_those_printed() {
 }
 
 #[test]
+fn bearings_are_found_or_end_with_2() {
+    let of = |arguments: &[&str]| support::run(support::command().arg("bearings").args(arguments));
+    let found = of(&["--speed", "10", "SKF 6205-2RSH/C3"]);
+    assert!(found.status.success() && found.stdout.contains("35.722 Hz"), "{}", found.stdout);
+    let json = of(&["--format", "json", "NTN", "7205B"]);
+    let document: serde_json::Value = serde_json::from_str(&json.stdout).unwrap();
+    assert_eq!(document["bearings"][0]["designation"], "7205B");
+    let none = of(&["6225"]);
+    assert_eq!((none.status.code(), none.stdout.as_str()), (Some(2), ""));
+    assert!(none.stderr.contains("nearest: 6205, 6215, 6220"), "{}", none.stderr);
+}
+
+#[test]
 fn every_command_has_help_a_page_and_completions() {
     let of = |arguments: &[&str]| support::run(support::command().args(arguments));
-    for command in ["diagnose", "check", "serve", "demo", "openapi", "completions", "man"] {
+    for command in
+        ["diagnose", "check", "bearings", "serve", "demo", "openapi", "completions", "man"]
+    {
         let help = of(&[command, "--help"]);
         assert!(help.status.success() && help.stdout.contains("Examples:"), "{}", help.stdout);
         let page = of(&["man", command]);

@@ -82,7 +82,24 @@ fn judge_one(
             None => acquit(&mut verdict, &candidates, &searches, accepted, features),
         },
     }
+    if verdict.state == State::Undetermined {
+        verdict.why.push_str(&wide_band(bearing, context));
+    }
     verdict
+}
+
+/// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
+fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
+    let described = context.machine.bearing(bearing);
+    let widest = described.bands.widest();
+    if widest <= DefectLine::Bpfo.tolerance().widest() {
+        return String::new();
+    }
+    format!(
+        "; the geometry of `{}` is known to {:.1} %, which widens the search",
+        described.catalogue.as_deref().unwrap_or("unnamed"),
+        100.0 * widest
+    )
 }
 
 /// Why the races of a bearing could not be looked at, if so.
@@ -125,6 +142,14 @@ fn unreadable(search: &LineSearch, reason: &Unreadable) -> String {
         Unreadable::TooShort { needed_s } => {
             format!(
                 "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics"
+            )
+        }
+        Unreadable::GeometryUncertain { with, band } => {
+            format!(
+                "geometry too uncertain: {line} is known to {:.1} % and may stand where {} does; \
+                 name the maker, or state elements and diameters in the machine file",
+                100.0 * band.widest(),
+                with.name()
             )
         }
         Unreadable::Coincides { with } => {

@@ -4,12 +4,11 @@
 //! reported at once, each with line, key, what was found and what is allowed. Reads text, never
 //! a file. Keys and their ranges: `docs/machines.md`.
 //!
-//! `errors` holds the mistakes, `range` and `nearest` word what is allowed, `reader` takes values
+//! `errors` holds the mistakes, `range` words what is allowed, `reader` takes values
 //! out of tables, `general`, `train` and `sensors` know the keys.
 
 mod errors;
 mod range;
-mod nearest;
 mod reader;
 mod general;
 mod parts;

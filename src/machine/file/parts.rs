@@ -5,10 +5,12 @@ use super::range::NumberRange;
 use super::reader::{Ids, Need, Section, TextRule};
 use crate::machine::ShaftIndex;
 use crate::machine::bearing::{Bearing, BearingGeometry, MIN_ELEMENTS, RotatingRing};
+use crate::machine::catalogue;
 use crate::machine::gear::{GearMember, GearMesh};
 use crate::machine::motor::Motor;
 use crate::machine::shaft::{Rotation, Shaft};
 use crate::machine::train::{self, Link, TrainConflict};
+use crate::machine::uncertainty::OrderBands;
 use crate::units::Hz;
 
 const SPEED_HZ: NumberRange = NumberRange::positive_up_to(10_000.0);
@@ -21,6 +23,9 @@ pub(super) const ANGLE_DEG: NumberRange = NumberRange::closed(-360.0, 360.0);
 const MAX_ELEMENTS: u32 = 1000;
 const MAX_TEETH: u32 = 10_000;
 const MAX_POLES: u32 = 1000;
+
+/// Keys of a geometry, all needed if one is there.
+const GEOMETRY_KEYS: [&str; 3] = ["elements", "element_diameter_mm", "pitch_diameter_mm"];
 
 const CATALOGUE: TextRule = TextRule {
     keeps: |text| is_plain(text, 100),
@@ -155,20 +160,66 @@ pub(super) fn read_bearing<'s>(
     let shaft = section.reference("shaft", Need::Required, shafts);
     let catalogue = section.text("catalogue", Need::Optional, &CATALOGUE);
     let ring = section.choice("rotating_ring", Need::Optional, &rings);
-    let geometry = read_geometry(&mut section);
+    let ring = ring.unwrap_or(RotatingRing::Inner);
+    let stated = read_geometry(&mut section);
+    let found = catalogue.and_then(|text| look_up(&section, text, stated.as_ref(), ring));
     section.finish();
+    let (geometry, bands) = match (stated, found) {
+        (Some(stated), _) => (Some(stated), OrderBands::default()),
+        (None, Some((geometry, bands))) => (Some(geometry), bands),
+        (None, None) => (None, OrderBands::default()),
+    };
     Some(Bearing {
         id: id?.to_owned(),
         shaft: ShaftIndex(shaft?),
         catalogue: catalogue.map(str::to_owned),
         geometry,
-        rotating_ring: ring.unwrap_or(RotatingRing::Inner),
+        bands,
+        rotating_ring: ring,
     })
+}
+
+/// Looks a designation up. Beside a stated geometry it only warns when the two disagree; alone it
+/// gives the geometry and its limits, or is a mistake.
+fn look_up(
+    section: &Section<'_>,
+    text: &str,
+    stated: Option<&BearingGeometry>,
+    ring: RotatingRing,
+) -> Option<(BearingGeometry, OrderBands)> {
+    let resolved = catalogue::resolve(text);
+    let note = |remark: &str| section.log().note(section.at("catalogue"), section.path(), remark);
+    match (resolved, stated) {
+        (Ok(resolved), Some(stated)) => {
+            if let Some(how) = resolved.disagreement(stated, ring) {
+                note(&format!(
+                    "the geometry differs from that of {} in the catalogue beyond its limits: {how}",
+                    resolved.designation
+                ));
+            }
+            None
+        }
+        (Err(_), Some(_)) => None,
+        // What is wrong with the geometry has been told.
+        (_, None) if GEOMETRY_KEYS.iter().any(|key| section.has(key)) => None,
+        (Ok(resolved), None) => {
+            note(&resolved.note(ring));
+            Some((resolved.geometry, resolved.bands(ring)))
+        }
+        (Err(why), None) => {
+            let keys = GEOMETRY_KEYS.join(", ");
+            let allowed = format!(
+                "a designation that `rotorwatch bearings` lists, or the geometry ({keys}): {why}"
+            );
+            section.refuse("catalogue", allowed);
+            None
+        }
+    }
 }
 
 /// Reads the geometry: all of it, or none beside a catalogue designation.
 fn read_geometry(section: &mut Section<'_>) -> Option<BearingGeometry> {
-    let keys = ["elements", "element_diameter_mm", "pitch_diameter_mm"];
+    let keys = GEOMETRY_KEYS;
     let stated = keys.iter().any(|key| section.has(key));
     let catalogue = section.has("catalogue");
     let need = if stated { Need::Required } else { Need::Optional };

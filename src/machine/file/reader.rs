@@ -9,8 +9,8 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use super::MAX_TABLES;
 use super::errors::{Log, one_line};
-use super::nearest::suggestion;
 use super::range::NumberRange;
+use crate::machine::nearest::suggestion;
 
 /// Most identifiers listed in a message.
 const MAX_LISTED: usize = 10;

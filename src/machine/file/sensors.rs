@@ -1,10 +1,10 @@
 //! `[[sensor]]`: what a channel measures, where and in which direction.
 
 use super::general::is_plain;
-use super::nearest::suggestion;
 use super::parts::ANGLE_DEG;
 use super::range::NumberRange;
 use super::reader::{Ids, Need, Section, TextRule};
+use crate::machine::nearest::suggestion;
 use crate::machine::sensor::{Direction, Location, Sensor, SensorKind, TachoEdge, TachoMark};
 use crate::machine::{BearingIndex, GearIndex, ShaftIndex};
 use crate::units::{Hz, SourceUnit, Unit};

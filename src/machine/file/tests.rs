@@ -5,6 +5,7 @@ use crate::machine::bearing::RotatingRing;
 use crate::machine::limits::IsoGroup;
 use crate::machine::sensor::{Location, SensorKind, SensorPair, TachoEdge};
 use crate::machine::shaft::Rotation;
+use crate::machine::uncertainty::OrderBands;
 use crate::machine::{BearingIndex, ShaftIndex};
 use crate::units::{Hz, Unit};
 
@@ -76,7 +77,7 @@ fn defaults_hold_where_keys_are_absent() {
     let machine = parse(&text, "m.toml").unwrap();
     assert_eq!(machine.name, "m");
     assert_eq!(machine.bearings[0].rotating_ring, RotatingRing::Inner);
-    assert_eq!(machine.bearings[0].geometry, None);
+    assert_eq!(machine.bearings[0].geometry.unwrap().elements(), 8);
     assert!(!machine.motors[0].synchronous);
     let tacho = &machine.sensors[0];
     assert_eq!(tacho.at, Some(Location::Shaft(ShaftIndex(0))));
@@ -85,6 +86,55 @@ fn defaults_hold_where_keys_are_absent() {
     assert_eq!((load.kind, load.at), (SensorKind::Load, None));
     assert_eq!(load.canonical_unit(), Some(Unit::Unknown));
     assert_eq!(machine.iso_group, None::<IsoGroup>);
+}
+
+#[test]
+fn a_designation_alone_gives_the_geometry_its_limits_and_a_note() {
+    let text = machine_with("[[bearing]]\nid='b'\nshaft='main'\ncatalogue='SKF 6205-2RSH/C3'\n");
+    let machine = parse(&text, "m.toml").unwrap();
+    let bearing = &machine.bearings[0];
+    assert_eq!(bearing.geometry.unwrap().elements(), 9);
+    assert!(bearing.bands.bpfo.high > 0.003 && bearing.bands.bpfo.high < 0.005);
+    assert_eq!(machine.notes.len(), 1);
+    for words in ["line 9: bearing[0]: 6205 of the catalogue (confirmed)", "ignored: 2RSH (seal)"] {
+        assert!(machine.notes[0].contains(words), "{:?}", machine.notes);
+    }
+}
+
+#[test]
+fn an_unknown_designation_is_a_mistake_with_a_remedy() {
+    one_mistake(
+        "[[bearing]]\nid='b'\nshaft='main'\ncatalogue='SKF 22210 E'\n",
+        "9:11",
+        &[
+            "bearing[0].catalogue: found 'SKF 22210 E'",
+            "nearest: ",
+            "elements, element_diameter_mm",
+        ],
+    );
+    one_mistake(
+        "[[bearing]]\nid='b'\nshaft='main'\ncatalogue='NU 205'\n",
+        "9:11",
+        &["write NU205E"],
+    );
+}
+
+#[test]
+fn a_stated_geometry_wins_and_what_differs_is_said() {
+    let geometry = "element_diameter_mm=7.94\npitch_diameter_mm=39.04\n";
+    let read = |designation: &str, n: u32| {
+        let text = machine_with(&format!(
+            "[[bearing]]\nid='b'\nshaft='main'\ncatalogue='{designation}'\nelements={n}\n{geometry}"
+        ));
+        parse(&text, "m.toml").unwrap()
+    };
+    let same = read("SKF 6205", 9);
+    assert_eq!(same.notes.len(), 1, "{:?}", same.notes);
+    assert_eq!(same.bearings[0].bands, OrderBands::default());
+    let other = read("SKF 6205", 8);
+    assert_eq!(other.bearings[0].geometry.unwrap().elements(), 8);
+    assert!(other.notes.iter().any(|note| note.contains("differs from that of 6205")));
+    assert_eq!(read("X 17", 9).notes.len(), 1);
 }
 
 #[test]
@@ -262,7 +312,7 @@ fn the_document_names_every_key() {
     let text = format!(
         "zz=1\n[machine]\nid='m'\nzz=1\n[[shaft]]\nid='s'\nzz=1\nrunning={{above_hz=1,zz=1}}\n\
          ratio_to={{shaft='t',ratio=1,zz=1}}\n[[shaft]]\nid='t'\n[[bearing]]\nid='b'\nshaft='s'\n\
-         catalogue='X'\nzz=1\n[[motor]]\nshaft='s'\npoles=2\nzz=1\n[[gear]]\nid='g'\nzz=1\n\
+         catalogue='6205'\nzz=1\n[[motor]]\nshaft='s'\npoles=2\nzz=1\n[[gear]]\nid='g'\nzz=1\n\
          driving={member}\ndriven={}\n[[sensor]]\nchannel='c'\nkind='velocity'\n\
          at={{shaft='s',zz=1}}\nzz=1\n[limits]\nzz=1\n[capture]\nzz=1\n",
         member.replace("'s'", "'t'")
@@ -319,7 +369,7 @@ fn hostile_texts_end_in_errors() {
 
 #[test]
 fn too_many_mistakes_are_counted() {
-    let text = machine_with(&"[[bearing]]\nid='!'\nshaft='main'\ncatalogue='X'\n".repeat(300));
+    let text = machine_with(&"[[bearing]]\nid='!'\nshaft='main'\ncatalogue='6205'\n".repeat(300));
     let errors = parse(&text, "m.toml").unwrap_err();
     assert_eq!((errors.mistakes.len(), errors.n_omitted), (200, 100));
     assert!(errors.to_string().ends_with("and 100 more mistakes"));

@@ -1,6 +1,7 @@
 //! One line of the frequency table: whose it is, what it is, where it stands.
 
 use super::super::{BearingIndex, GearIndex, Machine, MotorIndex, ShaftIndex};
+use crate::machine::uncertainty::RelativeBand;
 use crate::units::{Hz, Order};
 
 /// The part of the machine a line belongs to.
@@ -99,6 +100,8 @@ pub struct FrequencyLine {
     pub frequency: Hz,
     /// Frequency divided by the speed of `shaft`; `None` when that is unknown or zero.
     pub order: Option<Order>,
+    /// Limits of the frequency that the bearing's geometry leaves; zero where it is exact.
+    pub band: RelativeBand,
     /// The shaft the order refers to: of a side band, its member's; of a mesh, the driving one.
     pub shaft: ShaftIndex,
 }

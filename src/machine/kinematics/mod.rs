@@ -10,6 +10,7 @@ pub mod coincidence;
 use line::{FrequencyLine, LineKind, Member, Owner, Unlisted};
 
 use super::{BearingIndex, GearIndex, Machine, MotorIndex, ShaftIndex};
+use crate::machine::uncertainty::RelativeBand;
 use crate::units::Hz;
 
 /// Harmonics listed of shaft, bearing and mesh lines.
@@ -88,15 +89,17 @@ impl Builder<'_> {
         let Some(rates) = bearing.fault_rates(speed) else {
             return table.unlisted.push((owner, Unlisted::NoGeometry));
         };
+        let bands = bearing.bands;
         let mut lines = Lines::new(self.machine, table, owner, bearing.shaft, Some(speed));
         for harmonic in 1..=HARMONICS {
             let times = |rate: Hz| Hz(f64::from(harmonic) * rate.0);
-            lines.push(LineKind::Ftf { harmonic }, times(rates.ftf));
-            lines.push(LineKind::Bpfo { harmonic }, times(rates.bpfo));
-            lines.push(LineKind::Bpfi { harmonic }, times(rates.bpfi));
-            lines.push(LineKind::TwoBsf { harmonic }, times(rates.two_bsf()));
+            lines.within(bands.ftf).push(LineKind::Ftf { harmonic }, times(rates.ftf));
+            lines.within(bands.bpfo).push(LineKind::Bpfo { harmonic }, times(rates.bpfo));
+            lines.within(bands.bpfi).push(LineKind::Bpfi { harmonic }, times(rates.bpfi));
+            let two_bsf = times(rates.two_bsf());
+            lines.within(bands.two_bsf).push(LineKind::TwoBsf { harmonic }, two_bsf);
         }
-        lines.push(LineKind::Bsf, rates.bsf);
+        lines.within(bands.two_bsf).push(LineKind::Bsf, rates.bsf);
     }
 
     /// K9–K11: mesh harmonics, first side bands of both members, hunting tooth.
@@ -163,6 +166,7 @@ struct Lines<'t> {
     owner_id: String,
     shaft: ShaftIndex,
     shaft_speed: Option<Hz>,
+    band: RelativeBand,
 }
 
 impl<'t> Lines<'t> {
@@ -173,7 +177,14 @@ impl<'t> Lines<'t> {
         shaft: ShaftIndex,
         shaft_speed: Option<Hz>,
     ) -> Self {
-        Self { table, owner, owner_id: owner.id(machine), shaft, shaft_speed }
+        let band = RelativeBand::default();
+        Self { table, owner, owner_id: owner.id(machine), shaft, shaft_speed, band }
+    }
+
+    /// Sets the limits of the lines added next.
+    fn within(&mut self, band: RelativeBand) -> &mut Self {
+        self.band = band;
+        self
     }
 
     /// Adds a line; one at 0 Hz or beyond number range is none (a lower side band of one tooth,
@@ -188,6 +199,7 @@ impl<'t> Lines<'t> {
             kind,
             frequency,
             order: self.shaft_speed.and_then(|speed| frequency.order_of(speed)),
+            band: self.band,
             shaft: self.shaft,
         });
     }

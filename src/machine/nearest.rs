@@ -32,7 +32,7 @@ pub(super) fn suggestion<'n>(written: &str, names: impl IntoIterator<Item = &'n 
 }
 
 /// Edits that turn `a` into `b`: change, insert, leave out, swap neighbours (each letter once).
-fn edit_distance(a: &[char], b: &[char]) -> usize {
+pub(super) fn edit_distance(a: &[char], b: &[char]) -> usize {
     let width = b.len() + 1;
     let mut cost = vec![0; (a.len() + 1) * width];
     for i in 0..=a.len() {
