@@ -92,10 +92,10 @@ fn program() -> Command {
     command
 }
 
-/// A daemon that records a capture again and again, files of 4 s of stream time.
-fn start(dir: &TempDir, compression: u64) -> Child {
+/// A daemon that records a capture again and again, files of `segment_s` of stream time.
+fn start(dir: &TempDir, segment_s: u64, compression: u64) -> Child {
     let config = format!(
-        "[server]\nbind = \"127.0.0.1:0\"\n[recording]\nenabled = true\nsegment_seconds = 4\n\
+        "[server]\nbind = \"127.0.0.1:0\"\n[recording]\nenabled = true\nsegment_seconds = {segment_s}\n\
          flush_seconds = 0.05\ncompression = {compression}\n[[machine]]\nfile = \"rig.toml\"\n\
          [[source]]\nkind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\nspeed = 20\nloop = true\n"
     );
@@ -197,7 +197,8 @@ fn kill_and_look(n: u64, seed: u64, with_h5py: bool) {
         let dir = TempDir::new().unwrap();
         fs::write(dir.path().join("rig.toml"), MACHINE).unwrap();
         write_capture(&dir.path().join("x.h5"));
-        let mut child = start(&dir, run % 2);
+        // Every other one in a single file, so that the kill finds it open; else a file each 0.2 s.
+        let mut child = start(&dir, if run % 2 == 0 { 600 } else { 4 }, run.div_ceil(2) % 2);
         while recordings(&dir).is_empty() {
             thread::sleep(Duration::from_millis(2));
         }

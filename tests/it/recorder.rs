@@ -137,10 +137,12 @@ fn is_named(file: &Path) -> bool {
 
 #[test]
 fn after_a_kill_the_next_start_recovers_the_recording() {
-    let daemon = Daemon::start_in(folder("flush_seconds = 0.05\n", "speed = 10\nloop = true\n"));
+    let mut daemon =
+        Daemon::start_in(folder("flush_seconds = 0.05\n", "speed = 10\nloop = true\n"));
     let dir = daemon.dir.path().to_owned();
     support::wait_until("a recording", || recordings(&dir).into_iter().find(|f| is_named(f)));
     daemon.signal("KILL");
+    support::wait_until("the end of the process", || daemon.child.try_wait().unwrap());
     // A second folder stands for the same one after the restart.
     let after = folder("", "");
     let store = after.path().join("data/recordings/rig-1");

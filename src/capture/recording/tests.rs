@@ -270,6 +270,7 @@ fn the_oldest_finished_recording_gives_way() {
     assert_eq!(recorder.counts().n_removed, removed.len() as u64);
     let left = files(root.path());
     assert!(!left.is_empty() && left.iter().all(|file| !removed.contains(file)));
+    assert!(removed.last() < left.first(), "the newest stay: {left:?}");
     assert_eq!(recorder.counts().holdings.n_files, left.len() as u64);
     assert_eq!(samples(left.last().unwrap()).0.last(), Some(&count(79_999)));
 }
