@@ -102,6 +102,23 @@ pub struct MachineMetrics {
     pub verdict_latency_s: Histogram,
 }
 
+/// Counters of what is recorded of a machine.
+#[derive(Debug, Clone, Default)]
+pub struct RecordingMetrics {
+    /// Samples recorded.
+    pub recorded: Counter,
+    /// Samples received and not recorded.
+    pub lost: Counter,
+    /// Times the disk or the library refused.
+    pub failures: Counter,
+    /// Recordings removed for the store's limit.
+    pub removed: Counter,
+    /// Recordings in the store.
+    pub files: Gauge,
+    /// Their bytes.
+    pub bytes: Gauge,
+}
+
 /// All metrics, by name.
 pub struct Metrics {
     registry: Registry,
@@ -114,6 +131,12 @@ pub struct Metrics {
     alarm_transitions: Family<MachineLabels, Counter>,
     verdict_latency_s: Family<MachineLabels, Histogram, fn() -> Histogram>,
     queue_bytes: Family<ShardLabels, Gauge>,
+    samples_recorded: Family<MachineLabels, Counter>,
+    samples_not_recorded: Family<MachineLabels, Counter>,
+    recording_failures: Family<MachineLabels, Counter>,
+    recordings_removed: Family<MachineLabels, Counter>,
+    recordings: Family<MachineLabels, Gauge>,
+    recording_bytes: Family<MachineLabels, Gauge>,
 }
 
 impl fmt::Debug for Metrics {
@@ -146,6 +169,12 @@ impl Metrics {
             alarm_transitions: Family::default(),
             verdict_latency_s: Family::new_with_constructor(latency),
             queue_bytes: Family::default(),
+            samples_recorded: Family::default(),
+            samples_not_recorded: Family::default(),
+            recording_failures: Family::default(),
+            recordings_removed: Family::default(),
+            recordings: Family::default(),
+            recording_bytes: Family::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -173,8 +202,48 @@ impl Metrics {
             m.verdict_latency_s.clone(),
         );
         registry.register("queue_bytes", "Blocks waiting for a shard", m.queue_bytes.clone());
+        metrics.register_recording(&mut registry);
         metrics.registry = registry;
         metrics
+    }
+
+    fn register_recording(&self, registry: &mut Registry) {
+        registry.register("samples_recorded", "Samples recorded", self.samples_recorded.clone());
+        registry.register(
+            "samples_not_recorded",
+            "Samples received and not recorded",
+            self.samples_not_recorded.clone(),
+        );
+        registry.register(
+            "recording_failures",
+            "Times that a recording could not be written",
+            self.recording_failures.clone(),
+        );
+        registry.register(
+            "recordings_removed",
+            "Recordings removed for the store's limit",
+            self.recordings_removed.clone(),
+        );
+        registry.register("recordings", "Recordings in the store", self.recordings.clone());
+        registry.register(
+            "recording_bytes",
+            "Bytes of the recordings in the store",
+            self.recording_bytes.clone(),
+        );
+    }
+
+    /// Counters of what is recorded of a machine.
+    #[must_use]
+    pub fn recording(&self, machine: &str) -> RecordingMetrics {
+        let labels = MachineLabels { machine: machine.to_owned() };
+        RecordingMetrics {
+            recorded: self.samples_recorded.get_or_create_owned(&labels),
+            lost: self.samples_not_recorded.get_or_create_owned(&labels),
+            failures: self.recording_failures.get_or_create_owned(&labels),
+            removed: self.recordings_removed.get_or_create_owned(&labels),
+            files: self.recordings.get_or_create_owned(&labels),
+            bytes: self.recording_bytes.get_or_create_owned(&labels),
+        }
     }
 
     /// Counters of a channel.
@@ -241,6 +310,13 @@ mod tests {
         machine.windows_judged.inc();
         machine.alarm_transitions.inc();
         machine.verdict_latency_s.observe(0.015);
+        let recording = metrics.recording("rig-1");
+        recording.recorded.inc_by(100);
+        recording.lost.inc_by(5);
+        recording.failures.inc();
+        recording.removed.inc_by(2);
+        recording.files.set(3);
+        recording.bytes.set(4000);
         metrics.queue_bytes(0).set(4096);
         let text = metrics.encode();
         for line in [
@@ -254,6 +330,12 @@ mod tests {
             "rotorwatch_alarm_transitions_total{machine=\"rig-1\"} 1",
             "rotorwatch_verdict_latency_seconds_bucket{le=\"0.01\",machine=\"rig-1\"} 0",
             "rotorwatch_verdict_latency_seconds_bucket{le=\"0.02\",machine=\"rig-1\"} 1",
+            "rotorwatch_samples_recorded_total{machine=\"rig-1\"} 100",
+            "rotorwatch_samples_not_recorded_total{machine=\"rig-1\"} 5",
+            "rotorwatch_recording_failures_total{machine=\"rig-1\"} 1",
+            "rotorwatch_recordings_removed_total{machine=\"rig-1\"} 2",
+            "rotorwatch_recordings{machine=\"rig-1\"} 3",
+            "rotorwatch_recording_bytes{machine=\"rig-1\"} 4000",
             "rotorwatch_queue_bytes{shard=\"0\"} 4096",
             "# EOF",
         ] {

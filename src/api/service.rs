@@ -2,11 +2,11 @@
 
 use super::error::ApiError;
 use super::state::{ApiState, newest};
-use super::view::SourceState;
+use super::view::{RecordingView, SourceState};
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
-use super::wire::system::{LiveWire, ReadyWire, StreamWire, SystemWire};
+use super::wire::system::{LiveWire, ReadyWire, RecordingWire, StreamWire, SystemWire};
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -85,6 +85,7 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             gaps: sum(|ring| ring.gaps),
             duplicated: sum(|ring| ring.duplicated),
             clipped: sum(|ring| ring.clipped),
+            recording: handle.recording.as_ref().map(|view| recording(&view.borrow())),
         }
     });
     Json(SystemWire {
@@ -94,6 +95,19 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
         started_at: state.settings.started_at.map(|started| rfc3339(Some(started), 0.0)),
         streams: streams.collect(),
     })
+}
+
+fn recording(view: &RecordingView) -> RecordingWire {
+    RecordingWire {
+        file: view.file.clone(),
+        failure: view.failure.clone(),
+        files: view.n_files,
+        bytes: view.bytes,
+        recorded: view.n_recorded,
+        lost: view.n_lost,
+        failures: view.n_failures,
+        removed: view.n_removed,
+    }
 }
 
 /// Gives this document.

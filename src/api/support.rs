@@ -225,6 +225,7 @@ impl Service {
             requests.try_send(request).map_err(|_| ShardBusy)
         };
         let handle = MachineHandle {
+            recording: None,
             machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
             view: receiver,
             submit: Arc::new(submit),

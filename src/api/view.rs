@@ -132,6 +132,27 @@ pub struct AlarmHistory {
 #[error("the shard's queue is full, try again")]
 pub struct ShardBusy;
 
+/// What is recorded of a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RecordingView {
+    /// Name of the file being written.
+    pub file: Option<String>,
+    /// Why nothing is recorded at the moment.
+    pub failure: Option<String>,
+    /// Recordings there are.
+    pub n_files: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Samples recorded since the start.
+    pub n_recorded: u64,
+    /// Samples received and not recorded.
+    pub n_lost: u64,
+    /// Failures.
+    pub n_failures: u64,
+    /// Recordings removed for the store's limit, of whatever machine.
+    pub n_removed: u64,
+}
+
 /// Hands a request to a shard.
 pub type Submit = Arc<dyn Fn(ShardRequest) -> Result<(), ShardBusy> + Send + Sync>;
 
@@ -142,6 +163,8 @@ pub struct MachineHandle {
     pub machine: Arc<Machine>,
     /// Newest snapshot.
     pub view: watch::Receiver<Arc<MachineView>>,
+    /// What is recorded; `None` if nothing is.
+    pub recording: Option<watch::Receiver<RecordingView>>,
     /// Asks the machine's shard.
     pub submit: Submit,
 }

@@ -5,6 +5,8 @@ use super::link::Link;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::monitored::Opened;
+use super::recording;
+use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
 use super::source::with_causes;
@@ -103,6 +105,7 @@ pub(super) struct SourcePlan {
     pub(super) machine: Arc<crate::machine::Machine>,
     pub(super) settings: replay::Settings,
     pub(super) link: Link,
+    pub(super) recording: Option<Recording>,
 }
 
 /// Everything before any thread starts.
@@ -124,6 +127,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let n_shards = n_shards(config);
     check_memory(config, &streams, n_shards)?;
     let metrics = Arc::new(Metrics::new());
+    let store = recording::open_store(config);
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
             queue: Arc::new(ShardQueue::new(QUEUE_BYTES, MAX_REQUESTS)),
@@ -145,18 +149,28 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         for note in &entry.machine.notes {
             tracing::warn!(machine = entry.machine.id, note, "machine file");
         }
+        let recorded = stream.as_ref().ok().zip(store.as_ref()).and_then(|(info, store)| {
+            let metrics = metrics.recording(&entry.machine.id);
+            Recording::new(config, entry, info, store, metrics)
+        });
+        let (recording, recording_view) = recorded.unzip();
         let opened = monitor(config, entry, stream)?;
         if opened.monitor.is_some() {
             let SourceConfig::Replay(settings) = entry.source.clone();
             let machine = Arc::clone(&entry.machine);
-            sources.push(SourcePlan { machine, settings, link: link.clone() });
+            sources.push(SourcePlan { machine, settings, link: link.clone(), recording });
         }
         let losses = Arc::clone(link.losses());
         let (monitored, view) =
             Monitored::new(Arc::clone(&entry.machine), opened, losses, &metrics);
         shard.machines.push(monitored);
         let submit: Submit = Arc::new(move |request| link.ask(request));
-        handles.push(MachineHandle { machine: Arc::clone(&entry.machine), view, submit });
+        handles.push(MachineHandle {
+            machine: Arc::clone(&entry.machine),
+            view,
+            recording: recording_view,
+            submit,
+        });
     }
     Ok(Plan { shards, sources, handles, metrics })
 }
@@ -167,6 +181,11 @@ impl Plan {
         let metrics = Arc::clone(&self.metrics);
         Arc::new(move || metrics.encode())
     }
+}
+
+/// CRC-32 of the configuration as it was resolved, the machine files included.
+pub(super) fn configuration_hash(config: &Config) -> String {
+    format!("crc32:{:08x}", crc32fast::hash(format!("{config:?}").as_bytes()))
 }
 
 /// Opens a machine's source for what is known before the first sample; or why it cannot be.
@@ -285,7 +304,8 @@ mod tests {
             unit_conflict: None,
             full_scale: None,
         };
-        Ok(StreamInfo { channels: vec![channel; n_channels], start_time: None, shaft_speed: None })
+        let channels = vec![channel; n_channels];
+        Ok(StreamInfo { channels, start_time: None, shaft_speed: None, received: Vec::new() })
     }
 
     #[test]

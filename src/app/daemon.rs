@@ -96,6 +96,7 @@ impl Daemon {
         }
         let settings = state::Settings {
             started_at: Some(super::wall_clock()),
+            configuration_hash: Some(build::configuration_hash(config)),
             ..state::Settings::new(address)
         };
         let router = http::router(handles.clone(), settings, metrics_text, readiness);
@@ -168,9 +169,13 @@ fn start_threads(
     for plan in sources {
         let stop = Arc::clone(stop);
         threads.start(format!("source-{}", plan.machine.id), move || {
-            let mut open =
-                || replay::open(&plan.settings.file, &plan.machine, &plan.settings.hints);
-            source::run(&plan.settings, &mut open, &plan.link, &stop);
+            let SourcePlan { machine, settings, link, recording } = plan;
+            let is_recorded = recording.is_some();
+            let mut open = || {
+                let open = if is_recorded { replay::open_with_received } else { replay::open };
+                open(&settings.file, &machine, &settings.hints)
+            };
+            source::run(&settings, &mut open, &link, &stop, recording);
         })?;
     }
     Ok(())

@@ -15,6 +15,7 @@ pub mod trend;
 pub mod monitored;
 pub mod shard;
 pub mod source;
+pub mod recording;
 pub mod http;
 pub mod build;
 pub mod daemon;

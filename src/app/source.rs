@@ -1,7 +1,11 @@
-//! A source's thread: plays a capture into its machine's link, paced by the clock.
+//! A source's thread: plays a capture into its machine's link, paced by the clock, and records it.
+//!
+//! The recorder writes on this thread: a replay waits for the disk as it waits for the shard and
+//! loses nothing. A live source, which cannot wait, will need a queue of its own before a recorder.
 
 use super::link::Input;
 use super::link::Link;
+use super::recording::Recording;
 use super::stop::Stop;
 use crate::api::view::SourceState;
 use crate::ingest::replay;
@@ -9,6 +13,7 @@ use crate::ingest::replay::End;
 use crate::ingest::replay::ReplayError;
 use crate::ingest::replay::Step;
 use crate::ingest::replay::Stream;
+use std::cell::RefCell;
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::panic::AssertUnwindSafe;
@@ -24,20 +29,36 @@ pub fn run(
     open: &mut dyn FnMut() -> Result<Stream, ReplayError>,
     link: &Link,
     stop: &Stop,
+    recording: Option<Recording>,
 ) {
     let started = super::now();
+    let recording = RefCell::new(recording);
     let mut wait = |due_s: f64| {
         // A time that cannot be waited for (NaN, before the start) is due at once.
         let due = Duration::try_from_secs_f64(due_s.min(MAX_WAIT_S)).unwrap_or_default();
-        if stop.wait_until(started + due) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
+        let due = started + due;
+        loop {
+            let flush_due = recording.borrow().as_ref().and_then(Recording::flush_due);
+            if stop.wait_until(flush_due.map_or(due, |flush_due| flush_due.min(due))) {
+                return ControlFlow::Break(());
+            }
+            if flush_due.is_none_or(|flush_due| flush_due > due) {
+                return ControlFlow::Continue(());
+            }
+            if let Some(recording) = recording.borrow_mut().as_mut() {
+                recording.tick();
+            }
         }
     };
     let mut sink = |step| {
         let input = match step {
             Step::Block(block) => Input::Block(block, super::now()),
+            Step::Received(run) => {
+                if let Some(recording) = recording.borrow_mut().as_mut() {
+                    recording.take(run);
+                }
+                return ControlFlow::Continue(());
+            }
             Step::Rejected { n_samples, reason } => Input::Rejected { n_samples, reason },
             Step::End => return ControlFlow::Continue(()),
         };
@@ -45,6 +66,10 @@ pub fn run(
     };
     let played =
         catch_unwind(AssertUnwindSafe(|| replay::run(settings, open, &mut wait, &mut sink)));
+    // However it ended: what was received is on the disk before anybody hears of the end.
+    if let Some(recording) = recording.into_inner() {
+        recording.finish();
+    }
     let state = match played {
         Ok(Ok(End::Stopped)) => return,
         Ok(Ok(End::Finished)) => SourceState::Finished,

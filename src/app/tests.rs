@@ -79,7 +79,12 @@ fn stream(seconds: u64) -> Stream {
             samples: (start..start + RATE_HZ).map(|i| i as f32).collect(),
         }))
     };
-    let info = StreamInfo { channels: vec![channel()], start_time: None, shaft_speed: None };
+    let info = StreamInfo {
+        channels: vec![channel()],
+        start_time: None,
+        shaft_speed: None,
+        received: Vec::new(),
+    };
     Stream { info, next: Box::new(next) }
 }
 
@@ -125,7 +130,7 @@ impl Running {
     }
 
     fn play(&self, settings: &replay::Settings, seconds: u64) {
-        source::run(settings, &mut || Ok(stream(seconds)), &self.link, &Stop::default());
+        source::run(settings, &mut || Ok(stream(seconds)), &self.link, &Stop::default(), None);
     }
 
     fn end(self) {
@@ -194,7 +199,7 @@ fn a_source_that_cannot_read_fails_with_its_causes() {
         let source = "disk on fire".into();
         Err(ReplayError::Open { file: PathBuf::from("x.h5"), source })
     };
-    source::run(&at_full_speed(), &mut open, &running.link, &Stop::default());
+    source::run(&at_full_speed(), &mut open, &running.link, &Stop::default(), None);
     let reason = "opening x.h5 failed: disk on fire".to_owned();
     running.wait_for(&SourceState::Failed(reason));
     running.end();
@@ -206,7 +211,7 @@ fn a_stop_ends_a_source_that_waits_for_its_time() {
     let slow = replay::Settings { speed: Speed::Times(1e-6), ..at_full_speed() };
     let stop = Stop::default();
     stop.set();
-    source::run(&slow, &mut || Ok(stream(10)), &running.link, &stop); // returns at once
+    source::run(&slow, &mut || Ok(stream(10)), &running.link, &stop, None); // returns at once
     running.end();
 }
 
@@ -216,7 +221,7 @@ fn a_stop_ends_a_source_that_waits_for_room() {
     let link = Link::new(Arc::clone(&queue), 0);
     link.send(Input::Source(SourceState::Running)).unwrap();
     let source = thread::spawn(move || {
-        source::run(&at_full_speed(), &mut || Ok(stream(10)), &link, &Stop::default());
+        source::run(&at_full_speed(), &mut || Ok(stream(10)), &link, &Stop::default(), None);
     });
     queue.close();
     source.join().unwrap();

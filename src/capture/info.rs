@@ -33,6 +33,8 @@ pub struct CaptureInfo {
     pub ignored: Vec<String>,
     /// Channels that the machine's sensors name and the capture lacks.
     pub absent_channels: Vec<String>,
+    /// What is unusual about the file and does no harm.
+    pub notes: Vec<String>,
 }
 
 /// One channel of a capture.
@@ -126,6 +128,9 @@ impl fmt::Display for CaptureInfo {
         }
         if !self.ignored.is_empty() {
             writeln!(f, "  not channels, ignored: {}", self.ignored.join(", "))?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  {note}")?;
         }
         for line in self.missing() {
             writeln!(f, "  missing {line}")?;

@@ -9,6 +9,7 @@ use super::hdf5::{Attribute, Dataset, Entry, File};
 use super::info::{CaptureInfo, ChannelDescription};
 use super::open::Opened;
 use super::received::NumberType;
+use super::recording::repair;
 use super::root::{self, RootAttribute};
 use super::rows::{Column, Source};
 use super::segments::Segments;
@@ -23,6 +24,9 @@ pub(super) const FORMAT: &str = "rotorwatch-capture";
 
 /// Version of the layout.
 pub(super) const VERSION: u32 = 1;
+
+/// Root attribute of a file made by a recorder, whose end may have come at any moment.
+const RECORDING: &str = "recording";
 
 /// Channels of a capture at most.
 const CHANNELS_MAX: usize = 1024;
@@ -50,7 +54,9 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
     let layout = Layout { checks: Checks { path, file_bytes }, file, machine };
     let header = layout.header(&attributes)?;
     let (described, sources, ignored) = layout.channels()?;
-    let (segments, listed) = layout.segments(&sources)?;
+    let is_recording = attributes.contains_key(RECORDING);
+    let (segments, listed, note) = layout.segments(&sources, is_recording)?;
+    let left_open = repair::is_flagged(path).then(|| repair::LEFT_OPEN.to_owned());
     let absent_channels = machine.map_or_else(Vec::new, |machine| {
         let known = |name: &str| described.iter().any(|channel| channel.info.name == name);
         machine.sensors.iter().map(|s| &s.channel).filter(|name| !known(name)).cloned().collect()
@@ -68,6 +74,7 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
         other_attributes: header.others,
         ignored,
         absent_channels,
+        notes: left_open.into_iter().chain(note).collect(),
     };
     Ok(Opened { info, sources, segments })
 }
@@ -103,7 +110,15 @@ type Attributes = BTreeMap<String, RootAttribute>;
 
 impl Layout<'_> {
     fn header(&self, attributes: &Attributes) -> Result<Header, CaptureError> {
-        const KNOWN: [&str; 5] = ["format", "version", "start_time", "machine", "shaft_speed_hz"];
+        const KNOWN: [&str; 7] = [
+            "format",
+            "version",
+            "start_time",
+            "machine",
+            "shaft_speed_hz",
+            RECORDING,
+            "configuration",
+        ];
         let format = self.root_text(attributes, "format")?;
         if let Some(text) = format.as_deref().filter(|text| *text != FORMAT) {
             let expected = format!("\"{FORMAT}\", or no such attribute");
@@ -344,13 +359,17 @@ impl Layout<'_> {
         })
     }
 
-    /// Reads `/segments`; the flag tells whether there is one.
-    fn segments(&self, sources: &[Source]) -> Result<(Segments, bool), CaptureError> {
+    /// Reads `/segments`; the flag tells whether there is one, the text what is odd about it.
+    fn segments(
+        &self,
+        sources: &[Source],
+        is_recording: bool,
+    ) -> Result<(Segments, bool, Option<String>), CaptureError> {
         let rate = sources.iter().map(|source| source.rate).fold(Hz(0.0), fastest);
         let longest = sources.iter().filter(|s| s.rate == rate).map(|s| s.length).max();
         let library = |e| self.checks.library("/segments", e);
         let Some(entries) = self.file.entries("segments").map_err(library)? else {
-            return Ok((Segments::one(rate), false));
+            return Ok((Segments::one(rate), false, None));
         };
         let present = |name: &str| entries.contains(&(name.to_owned(), Entry::Dataset));
         for name in ["start_sample", "time_s"] {
@@ -367,12 +386,18 @@ impl Layout<'_> {
         let starts = starts.integers(count).map_err(library)?;
         let (times, count) = self.segment_list("segments/time_s", 4)?;
         let times_s = times.floats(count).map_err(library)?;
-        let segments = Segments::new(&starts, times_s, rate, longest.unwrap_or(0));
-        segments.map(|segments| (segments, true)).map_err(|problem| CaptureError::Content {
+        let longest = longest.unwrap_or(0);
+        let segments = if is_recording {
+            Segments::of_recording(&starts, times_s, rate, longest)
+        } else {
+            Segments::new(&starts, times_s, rate, longest).map(|segments| (segments, None))
+        };
+        let problem = |problem| CaptureError::Content {
             file: self.checks.path.into(),
             object: "/segments".into(),
             problem,
-        })
+        };
+        segments.map(|(segments, note)| (segments, true, note)).map_err(problem)
     }
 
     fn segment_list(&self, path: &str, bytes: usize) -> Result<(Dataset, usize), CaptureError> {

@@ -13,9 +13,10 @@ pub mod info;
 pub mod received;
 pub mod reader;
 pub mod writer;
+pub mod recording;
 
 mod open;
-mod hdf5; // the only file that names the crate
+mod hdf5; // the only folder that names the crate
 mod root;
 mod checks;
 mod layout;

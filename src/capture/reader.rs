@@ -46,6 +46,15 @@ impl ReadReport {
     }
 }
 
+/// A piece of a capture, as [`CaptureReader::next_piece`] gives it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Piece {
+    /// Samples as they are stored.
+    Received(Received),
+    /// Samples as they are analysed.
+    Block(Block),
+}
+
 /// A capture being read.
 ///
 /// Memory is bounded whatever the file declares: one block or chunk of each channel is held.
@@ -144,17 +153,47 @@ impl CaptureReader {
                 self.report.samples_read += block.samples.len() as u64;
                 return Ok(Some(block));
             }
-            let Some(at) = self.earliest() else { return Ok(None) };
-            match self.streams[at].step(&self.segments, self.keep_received) {
-                Ok(step) => {
-                    self.report.samples_not_finite += step.n_rejected;
-                    self.ready.extend(step.blocks);
-                    self.received.extend(step.received);
-                }
-                Err(error) => {
-                    self.ended = true;
-                    return Err(error);
-                }
+            if !self.step()? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Gives the next piece, raw samples before the blocks made of them; `None` at the end.
+    ///
+    /// For whoever keeps what was received: nothing piles up, not even where no sample is finite.
+    ///
+    /// # Errors
+    ///
+    /// As [`CaptureReader::next_block`].
+    pub fn next_piece(&mut self) -> Result<Option<Piece>, CaptureError> {
+        loop {
+            if let Some(received) = self.received.pop_front() {
+                return Ok(Some(Piece::Received(received)));
+            }
+            if let Some(block) = self.ready.pop_front() {
+                self.report.samples_read += block.samples.len() as u64;
+                return Ok(Some(Piece::Block(block)));
+            }
+            if !self.step()? {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Reads the next run of the earliest table; false at the end.
+    fn step(&mut self) -> Result<bool, CaptureError> {
+        let Some(at) = self.earliest() else { return Ok(false) };
+        match self.streams[at].step(&self.segments, self.keep_received) {
+            Ok(step) => {
+                self.report.samples_not_finite += step.n_rejected;
+                self.ready.extend(step.blocks);
+                self.received.extend(step.received);
+                Ok(true)
+            }
+            Err(error) => {
+                self.ended = true;
+                Err(error)
             }
         }
     }

@@ -3,6 +3,7 @@
 //! A recorder keeps these, so that nothing is lost to the conversion. Must not know files.
 
 use crate::signal::{ChannelIndex, SampleIndex};
+use crate::units::Hz;
 
 /// Number types a channel may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,4 +118,23 @@ pub struct Received {
     pub time_s: f64,
     /// The samples.
     pub raw: RawSamples,
+}
+
+/// What a source states about a channel of [`Received`] runs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReceivedChannel {
+    /// Name: not empty, without `/`.
+    pub name: String,
+    /// Samples a second.
+    pub sample_rate: Hz,
+    /// What each element is.
+    pub number_type: NumberType,
+    /// physical = raw·scale + offset, in the unit of `unit`.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// Unit as the source spells it.
+    pub unit: Option<String>,
+    /// What measures it, for people.
+    pub sensor: Option<String>,
 }

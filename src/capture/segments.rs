@@ -74,6 +74,33 @@ impl Segments {
         Ok(Self { starts, times_s, reference_rate })
     }
 
+    /// As [`Segments::new`] for a recording, whose rows come before their samples: at the end of
+    /// the lists one may lack its other half, and the last may have no samples yet. The text, if
+    /// any, says what was so.
+    pub(super) fn of_recording(
+        start_sample: &[i64],
+        mut times_s: Vec<f64>,
+        reference_rate: Hz,
+        length: u64,
+    ) -> Result<(Self, Option<String>), String> {
+        let n_rows = start_sample.len().min(times_s.len());
+        let n_lists = start_sample.len().max(times_s.len());
+        let start_sample = &start_sample[..n_rows];
+        times_s.truncate(n_rows);
+        if n_rows == 0 {
+            return Ok((Self::one(reference_rate), Some("no segment row yet".to_owned())));
+        }
+        let is_ahead = |start: &i64| u64::try_from(*start).is_ok_and(|start| start >= length);
+        let n_ahead = start_sample.iter().rev().take_while(|start| is_ahead(start)).count();
+        let segments = Self::new(start_sample, times_s, reference_rate, u64::MAX)?;
+        let note = match (n_lists - n_rows, n_ahead) {
+            (0, 0) => None,
+            (0, n) => Some(format!("segment rows at the end without samples: {n}")),
+            (n, _) => Some(format!("segment rows at the end without their other half: {n}")),
+        };
+        Ok((segments, note))
+    }
+
     pub(super) fn len(&self) -> usize {
         self.starts.len()
     }
@@ -85,22 +112,26 @@ impl Segments {
     /// The segment numbered `segment` for a channel of this rate; `None` past the last.
     pub(super) fn span(&self, segment: u32, rate: Hz) -> Option<Span> {
         let at = usize::try_from(segment).ok()?;
-        let start = self.scaled(*self.starts.get(at)?, rate);
-        let end = self.starts.get(at + 1).map_or(u64::MAX, |&next| self.scaled(next, rate));
+        let start = Self::scaled(*self.starts.get(at)?, rate, self.reference_rate);
+        let end = self
+            .starts
+            .get(at + 1)
+            .map_or(u64::MAX, |&next| Self::scaled(next, rate, self.reference_rate));
         Some(Span { segment, start, end, time_s: self.times_s[at] })
     }
 
-    /// First sample, at `rate`, that is not before sample `start` of the fastest channel.
+    /// First sample, at `rate`, that is not before sample `start` of the channel of
+    /// `reference_rate`, the fastest.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "non-negative; float to int casts saturate"
     )]
-    fn scaled(&self, start: u64, rate: Hz) -> u64 {
-        if rate >= self.reference_rate {
+    pub(super) fn scaled(start: u64, rate: Hz, reference_rate: Hz) -> u64 {
+        if rate >= reference_rate {
             return start;
         }
-        let exact = start as f64 * (rate.0 / self.reference_rate.0);
+        let exact = start as f64 * (rate.0 / reference_rate.0);
         (exact - WHOLE_SAMPLE).ceil().max(0.0) as u64
     }
 }
@@ -135,6 +166,22 @@ mod tests {
         assert_eq!((slow.start, slow.end), (256, 513));
         assert_eq!(segments.span(2, Hz(2_560.0)).unwrap().end, u64::MAX);
         assert_eq!(segments.span(3, Hz(2_560.0)), None);
+    }
+
+    #[test]
+    fn rows_at_the_end_of_a_recording_may_lack_what_comes_after_them() {
+        let read = |starts: &[i64], times: &[f64]| {
+            Segments::of_recording(starts, times.to_vec(), Hz(10.0), 100)
+        };
+        assert_eq!(read(&[0, 50], &[0.0, 9.0]).unwrap().1, None);
+        let (ahead, note) = read(&[0, 100], &[0.0, 20.0]).unwrap();
+        assert_eq!(ahead.len(), 2, "slower channels may be there already");
+        assert!(note.unwrap().contains("without samples: 1"));
+        let (half, note) = read(&[0, 50], &[0.0]).unwrap();
+        assert_eq!(half.len(), 1);
+        assert!(note.unwrap().contains("other half: 1"));
+        assert_eq!(read(&[], &[]).unwrap().0, Segments::one(Hz(10.0)));
+        assert!(read(&[0, 7, 7], &[0.0, 1.0, 2.0]).is_err(), "disorder stays one");
     }
 
     #[test]

@@ -10,6 +10,8 @@ use super::output::OutputError;
 use crate::capture::error::CaptureError;
 use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;
+use crate::capture::recording::repair;
+use crate::capture::recording::repair::Repair;
 use crate::config;
 use crate::config::Config;
 use crate::config::ConfigErrors;
@@ -31,11 +33,16 @@ pub const EXAMPLES: &str = "\
 Examples:
   rotorwatch check rig.toml run-7.h5 rotorwatch.toml
   rotorwatch check --frequencies rig.toml
+  rotorwatch check --repair data/recordings/rig-1/rig-1-00000007.h5
   rotorwatch check --frequencies --speed 29.5 --resolution 0.5 rig.toml
 
 What a file is, its content decides: a capture is HDF5, a machine file has a table [machine], a
 configuration of the daemon [server], [pipeline], [[machine]] or [[source]]. Captures are read to
 their last sample.
+
+--repair closes recordings that their recorder left open because it was killed: one write of the
+superblock, in place; no sample is touched. What then cannot be read to its last sample is put back
+as it was. A file that a recorder is writing is refused.
 
 Exit codes: 0 every file is right; 2 one is not. Every mistake is told with file, line, key and
 what is allowed.";
@@ -49,6 +56,9 @@ pub struct Arguments {
     /// List the lines of each machine: shafts, bearings, gears, supply.
     #[arg(long)]
     pub frequencies: bool,
+    /// Close recordings that were left open, and read them to their last sample.
+    #[arg(long, conflicts_with = "frequencies")]
+    pub repair: bool,
     /// What the captures do not say.
     #[command(flatten)]
     pub hints: HintArguments,
@@ -126,6 +136,9 @@ fn tell(error: &CheckError) {
 
 /// Checks one file and writes what it says, as far as it is right.
 fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), CheckError> {
+    if arguments.repair {
+        return repair_recording(path, out);
+    }
     let name = path.display().to_string();
     match input::kind(path)? {
         FileKind::Machine(text) => {
@@ -152,6 +165,25 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
             hint: "",
         })),
     }
+}
+
+/// Closes a recording that was left open.
+fn repair_recording(path: &Path, out: &mut String) -> Result<(), CheckError> {
+    let name = path.display();
+    match repair::repair(path)? {
+        Repair::NothingToDo => {
+            out.push_str(&format!("{name}: was closed properly, nothing to do\n"))
+        }
+        Repair::Repaired { samples } => {
+            out.push_str(&format!("{name}: was left open by its recorder; closed\n"));
+            for (channel, n_samples) in samples {
+                out.push_str(&format!(
+                    "  channel {channel}: {n_samples} samples, all can be read\n"
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Reads a capture to its end, and the machine description inside it.
@@ -203,6 +235,10 @@ fn configuration(name: &str, config: &Config) -> String {
     let n = config.machines.len();
     let machines = if n == 1 { "machine" } else { "machines" };
     let mut text = format!("{name}: configuration, http on {}, {n} {machines}\n", config.bind);
+    if config.recording.is_some() {
+        let folder = config.store.directory.join("recordings");
+        text.push_str(&format!("  recording to {}\n", folder.display()));
+    }
     for entry in &config.machines {
         let SourceConfig::Replay(replay) = &entry.source;
         let speed = match replay.speed {

@@ -30,7 +30,7 @@ pub struct Key {
 }
 
 /// Sections that stand once.
-pub const SECTIONS: &[&str] = &["server", "store", "pipeline", "alarms"];
+pub const SECTIONS: &[&str] = &["server", "store", "recording", "pipeline", "alarms"];
 
 /// Sections that may be repeated, as `[[machine]]`.
 pub const LISTS: &[&str] = &["machine", "source"];
@@ -43,6 +43,11 @@ pub const KEYS: &[Key] = &[
     key("server", "bind", Kind::Text),
     key("store", "directory", Kind::Text),
     key("store", "max_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
+    key("recording", "enabled", Kind::Flag),
+    key("recording", "segment_seconds", Kind::Number(1.0, 86_400.0)),
+    key("recording", "segment_bytes", Kind::Whole(100_000, MAX_BYTES)),
+    key("recording", "flush_seconds", Kind::Number(0.05, 60.0)),
+    key("recording", "compression", Kind::Whole(0, 9)),
     key("pipeline", "workers", Kind::Whole(0, 256)),
     key("pipeline", "ring_seconds", Kind::Number(1.0, 3_600.0)),
     key("pipeline", "memory_limit_bytes", Kind::Whole(1_000_000, MAX_BYTES)),

@@ -9,6 +9,7 @@ mod scan;
 mod raw;
 mod resolve;
 
+use crate::capture::recording::machine as recording;
 use crate::ingest::replay;
 use crate::machine::Machine;
 use crate::pipeline;
@@ -28,26 +29,32 @@ pub const REFERENCE: &str = include_str!("../../config/default.toml");
 pub struct Config {
     /// Where HTTP is served; a loopback address. Port 0: any free port.
     pub bind: SocketAddr,
-    /// Where data will be kept.
+    /// Where recordings are kept.
     pub store: Store,
     /// Shard threads; 0: one fewer than there are cores, at least 1.
     pub workers: usize,
     /// Most bytes the rings and queues may need together.
     pub memory_limit_bytes: u64,
+    /// How what is received is recorded; `None`: not at all.
+    pub recording: Option<recording::Settings>,
     /// How windows are laid and alarms raised.
     pub monitor: pipeline::Settings,
     /// The machines, each with its source.
     pub machines: Vec<MachineConfig>,
 }
 
-/// Where data will be kept. Validated only: this version stores nothing on disk.
+/// Where recordings are kept.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     /// Folder.
     pub directory: PathBuf,
-    /// Most bytes in it.
+    /// Most bytes of recordings in it.
     pub max_bytes: u64,
 }
+
+/// How recordings are cut and stored unless the configuration says otherwise.
+pub const RECORDING: recording::Settings =
+    recording::Settings { segment_s: 600.0, segment_bytes: 500_000_000, flush_s: 1.0, gzip: None };
 
 /// One machine to be monitored.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,6 +81,7 @@ impl Default for Config {
         Self {
             bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
             store: Store { directory: PathBuf::from("data"), max_bytes: 20_000_000_000 },
+            recording: None,
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
             monitor: pipeline::Settings::default(),

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 pub(super) struct Raw {
     pub(super) server: Server,
     pub(super) store: Store,
+    pub(super) recording: Recording,
     pub(super) pipeline: Pipeline,
     pub(super) alarms: Alarms,
     pub(super) machine: Vec<Machine>,
@@ -29,6 +30,17 @@ pub(super) struct Server {
 pub(super) struct Store {
     pub(super) directory: Option<String>,
     pub(super) max_bytes: Option<u64>,
+}
+
+/// `[recording]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Recording {
+    pub(super) enabled: Option<bool>,
+    pub(super) segment_seconds: Option<f64>,
+    pub(super) segment_bytes: Option<u64>,
+    pub(super) flush_seconds: Option<f64>,
+    pub(super) compression: Option<u32>,
 }
 
 /// `[pipeline]`

@@ -2,6 +2,7 @@
 
 use super::Config;
 use super::MachineConfig;
+use super::RECORDING;
 use super::SourceConfig;
 use super::Store;
 use super::keys;
@@ -10,6 +11,7 @@ use super::raw::Raw;
 use super::scan::Scan;
 use crate::alarms;
 use crate::capture::hints::Hints;
+use crate::capture::recording::machine as recording;
 use crate::ingest::replay;
 use crate::machine::Machine;
 use crate::pipeline;
@@ -33,13 +35,16 @@ pub(super) fn config(
 ) -> Config {
     let default = Config::default();
     let mut resolver = Resolver { base, scan, variables };
+    let max_bytes = raw.store.max_bytes.unwrap_or(default.store.max_bytes);
+    let n_machines = raw.machine.len() as u64;
     Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
         store: Store {
             directory: base
                 .join(raw.store.directory.map_or(default.store.directory, PathBuf::from)),
-            max_bytes: raw.store.max_bytes.unwrap_or(default.store.max_bytes),
+            max_bytes,
         },
+        recording: resolver.recording(&raw.recording, n_machines, max_bytes),
         workers: raw.pipeline.workers.unwrap_or(default.workers),
         memory_limit_bytes: raw.pipeline.memory_limit_bytes.unwrap_or(default.memory_limit_bytes),
         monitor: resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
@@ -93,6 +98,35 @@ impl Resolver<'_> {
             );
         }
         Some(address)
+    }
+
+    /// Checks that finished recordings can give way before those being written fill the store.
+    fn recording(
+        &mut self,
+        raw: &raw::Recording,
+        n_machines: u64,
+        max_bytes: u64,
+    ) -> Option<recording::Settings> {
+        let default = RECORDING;
+        let settings = recording::Settings {
+            segment_s: raw.segment_seconds.unwrap_or(default.segment_s),
+            segment_bytes: raw.segment_bytes.unwrap_or(default.segment_bytes),
+            flush_s: raw.flush_seconds.unwrap_or(default.flush_s),
+            gzip: raw.compression.map_or(default.gzip, |level| (level > 0).then_some(level)),
+        };
+        if raw.enabled != Some(true) {
+            return None;
+        }
+        let needed = settings.segment_bytes.saturating_mul(n_machines + 1);
+        if needed > max_bytes {
+            let message = format!(
+                "{} for each of {n_machines} machines and one to spare is more than \
+                 store.max_bytes ({max_bytes}): shorten the files or enlarge the store",
+                settings.segment_bytes
+            );
+            self.report("recording.segment_bytes", message);
+        }
+        Some(settings)
     }
 
     fn monitor(

@@ -117,7 +117,7 @@ speed = "fast"
         "4:1: server.port: unknown key, allowed here: bind",
         "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
         "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
-        "9:2: alarm: unknown key, allowed here: server, store, pipeline, alarms, machine, source",
+        "9:2: alarm: unknown key, allowed here: server, store, recording, pipeline, alarms, machine, source",
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
@@ -131,6 +131,23 @@ speed = "fast"
         assert!(found.iter().any(|m| m.starts_with(expected)), "{expected}\nnot in {found:#?}");
     }
     assert_eq!(found.len(), expected.len(), "{found:#?}");
+}
+
+#[test]
+fn recording_is_off_unless_enabled_and_must_fit_into_the_store() {
+    assert_eq!(
+        load_text(&format!("[recording]\ncompression = 4\n{RIG}"), &[]).unwrap().recording,
+        None
+    );
+    let on = format!("[recording]\nenabled = true\ncompression = 4\n{RIG}");
+    let settings = load_text(&on, &[]).unwrap().recording.unwrap();
+    assert_eq!(settings, recording::Settings { gzip: Some(4), ..RECORDING });
+    // One machine's file and one to spare: twice 500 MB.
+    let environment = [("ROTORWATCH__STORE__MAX_BYTES", "999999999")];
+    let found = mistakes(&on, &environment);
+    assert!(found[0].contains("recording.segment_bytes: 500000000 for each of 1"), "{found:#?}");
+    let enough = [("ROTORWATCH__STORE__MAX_BYTES", "1000000000")];
+    assert!(load_text(&on, &enough).is_ok());
 }
 
 #[test]

@@ -61,7 +61,7 @@ impl Interleaver {
             match read()? {
                 Step::Block(block) => self.take(block),
                 Step::End => self.read_to_s = f64::INFINITY,
-                rejected @ Step::Rejected { .. } => return Ok(rejected),
+                told @ (Step::Rejected { .. } | Step::Received(_)) => return Ok(told),
             }
         }
     }

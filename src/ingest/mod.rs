@@ -4,4 +4,5 @@
 //! neither the clock nor the queue behind them. Must not know what becomes of the samples.
 
 pub mod interleave;
+mod shift;
 pub mod replay;

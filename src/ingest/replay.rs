@@ -1,10 +1,16 @@
 //! Plays a capture back as if it were measured now: at 1×, at N× or as fast as it is taken.
 
 use super::interleave::Interleaver;
+use super::shift::Reached;
+use super::shift::Shift;
 use crate::capture::error::CaptureError;
 use crate::capture::hints::Hints;
+use crate::capture::info::ChannelDescription;
 use crate::capture::reader::CaptureReader;
+use crate::capture::reader::Piece;
 use crate::capture::reader::ReadReport;
+use crate::capture::received::Received;
+use crate::capture::received::ReceivedChannel;
 use crate::machine::Machine;
 use crate::signal::Block;
 use crate::signal::ChannelInfo;
@@ -47,6 +53,8 @@ pub struct StreamInfo {
     pub start_time: Option<Timestamp>,
     /// The capture's `shaft_speed_hz`.
     pub shaft_speed: Option<Hz>,
+    /// The channels as they are received, in the same order.
+    pub received: Vec<ReceivedChannel>,
 }
 
 /// One step of reading a capture.
@@ -54,6 +62,8 @@ pub struct StreamInfo {
 pub enum Step {
     /// The next samples; over the channels, in the order in which blocks begin.
     Block(Block),
+    /// The samples behind blocks to come, as they were received; only if they were asked for.
+    Received(Received),
     /// Samples of the capture that are of no use.
     Rejected {
         /// How many.
@@ -126,16 +136,41 @@ pub enum End {
 /// # Errors
 /// When the file is no capture or cannot be read.
 pub fn open(file: &Path, machine: &Machine, hints: &Hints) -> Result<Stream, ReplayError> {
+    opened(file, machine, hints, false)
+}
+
+/// As [`open`], with the samples as they were received as well, for a recorder.
+///
+/// # Errors
+/// When the file is no capture or cannot be read.
+pub fn open_with_received(
+    file: &Path,
+    machine: &Machine,
+    hints: &Hints,
+) -> Result<Stream, ReplayError> {
+    opened(file, machine, hints, true)
+}
+
+fn opened(
+    file: &Path,
+    machine: &Machine,
+    hints: &Hints,
+    with_received: bool,
+) -> Result<Stream, ReplayError> {
     let failed = |source: CaptureError| ReplayError::Open {
         file: file.to_owned(),
         source: Box::new(source),
     };
     let mut reader = CaptureReader::open(file, Some(machine), hints).map_err(failed)?;
+    if with_received {
+        reader.keep_received();
+    }
     let described = reader.info();
     let info = StreamInfo {
         channels: described.channels.iter().map(|c| c.info.clone()).collect(),
         start_time: described.start_time,
         shaft_speed: described.shaft_speed,
+        received: described.channels.iter().map(received_channel).collect(),
     };
     let file = file.to_owned();
     let mut told = 0;
@@ -144,14 +179,27 @@ pub fn open(file: &Path, machine: &Machine, hints: &Hints) -> Result<Stream, Rep
         if let Some(step) = newly_rejected(&reader.report(), &mut told) {
             return Ok(step);
         }
-        match reader.next_block() {
-            Ok(Some(block)) => Ok(Step::Block(block)),
+        match reader.next_piece() {
+            Ok(Some(Piece::Block(block))) => Ok(Step::Block(block)),
+            Ok(Some(Piece::Received(received))) => Ok(Step::Received(received)),
             // The last samples may have been among them.
             Ok(None) => Ok(newly_rejected(&reader.report(), &mut told).unwrap_or(Step::End)),
             Err(source) => Err(ReplayError::Read { file: file.clone(), source: Box::new(source) }),
         }
     };
     Ok(Stream { info, next: Box::new(next) })
+}
+
+fn received_channel(channel: &ChannelDescription) -> ReceivedChannel {
+    ReceivedChannel {
+        name: channel.info.name.clone(),
+        sample_rate: channel.info.sample_rate,
+        number_type: channel.number_type,
+        scale: channel.scale,
+        offset: channel.offset,
+        unit: channel.unit_text.clone(),
+        sensor: channel.sensor.clone(),
+    }
 }
 
 /// The step that tells of samples rejected beyond the `told` ones, if there are any.
@@ -197,40 +245,12 @@ pub fn run(
     }
 }
 
-/// What a pass adds to the capture's own indices, segments and times, so that the stream goes on.
-#[derive(Debug, Clone, PartialEq)]
-struct Shift {
-    /// By channel.
-    index: Vec<u64>,
-    segment: u32,
-    time_s: f64,
-}
-
-impl Shift {
-    fn none(n_channels: usize) -> Self {
-        Self { index: vec![0; n_channels], segment: 0, time_s: 0.0 }
-    }
-
-    fn apply(&self, block: &mut Block) {
-        block.start.0 += self.index[block.channel.0];
-        block.segment = block.segment.wrapping_add(self.segment);
-        block.time_s += self.time_s;
-    }
-}
-
 /// How one pass ended.
 enum Played {
     /// With every sample handed on.
     All(Reached),
     /// By a stop.
     Stopped,
-}
-
-/// Where a pass got to.
-struct Reached {
-    n_samples: u64,
-    /// Shift of the next pass.
-    shift: Shift,
 }
 
 /// Plays one pass.
@@ -248,6 +268,16 @@ fn play(
         let mut block = match interleaver.next(&mut stream.next)? {
             Step::Block(block) => block,
             Step::End => return Ok(Played::All(reached)),
+            Step::Received(mut run) => {
+                shift.apply_to_received(&mut run);
+                let n_samples = run.raw.len() as u64;
+                let end_s = run.time_s + n_samples as f64 / rates_hz[run.channel.0];
+                reached.note(run.channel.0, run.start.0 + n_samples, run.segment, end_s);
+                if sink(Step::Received(run)).is_break() {
+                    return Ok(Played::Stopped);
+                }
+                continue;
+            }
             rejected @ Step::Rejected { .. } => {
                 if sink(rejected).is_break() {
                     return Ok(Played::Stopped);
@@ -258,9 +288,7 @@ fn play(
         shift.apply(&mut block);
         let end_s = block.time_s + block.samples.len() as f64 / rates_hz[block.channel.0];
         reached.n_samples += block.samples.len() as u64;
-        reached.shift.index[block.channel.0] = block.end().0;
-        reached.shift.segment = block.segment.wrapping_add(1);
-        reached.shift.time_s = reached.shift.time_s.max(end_s);
+        reached.note(block.channel.0, block.end().0, block.segment, end_s);
         let due = match speed {
             Speed::Max => ControlFlow::Continue(()),
             Speed::Times(factor) => wait(end_s / factor),
@@ -312,6 +340,7 @@ mod tests {
             channels: vec![channel("slow", SLOW_HZ), channel("fast", FAST_HZ)],
             start_time: None,
             shaft_speed: None,
+            received: Vec::new(),
         };
         Stream { info, next: Box::new(move || Ok(blocks.pop_front().unwrap_or(Step::End))) }
     }
@@ -338,6 +367,7 @@ mod tests {
                         next[block.channel.0] = block.end().0;
                     }
                     Step::Rejected { n_samples, .. } => rejected += n_samples,
+                    Step::Received(_) => panic!("nothing was asked for"),
                     Step::End => panic!("the end is the return value"),
                 }
                 ControlFlow::Continue(())

@@ -13,6 +13,7 @@ mod gaps;
 mod neighbours;
 mod rubbish;
 mod recordings;
+mod recorder;
 mod page;
 mod diagnose;
 mod check;

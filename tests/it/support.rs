@@ -55,7 +55,6 @@ pub(crate) struct Daemon {
     /// The process.
     pub(crate) child: Child,
     /// Its folder, with the configuration as `serve.toml`.
-    #[expect(dead_code, reason = "held so that the folder lives as long as the daemon")]
     pub(crate) dir: TempDir,
     /// Ends with the process.
     stderr: Option<thread::JoinHandle<String>>,

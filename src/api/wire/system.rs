@@ -58,4 +58,27 @@ pub struct StreamWire {
     pub duplicated: u64,
     /// Samples at the ends of the source's number range, summed over channels.
     pub clipped: u64,
+    /// What is recorded; null if nothing is.
+    pub recording: Option<RecordingWire>,
+}
+
+/// What is recorded of a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct RecordingWire {
+    /// Name of the file being written; null between two.
+    pub file: Option<String>,
+    /// Why nothing is recorded at the moment; null if all is well.
+    pub failure: Option<String>,
+    /// Recordings of the machine in the store.
+    pub files: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Samples recorded since the daemon started, summed over channels.
+    pub recorded: u64,
+    /// Samples received and not recorded, summed over channels.
+    pub lost: u64,
+    /// Times the disk or the library refused.
+    pub failures: u64,
+    /// Recordings removed for the store's limit while this machine was recorded.
+    pub removed: u64,
 }

@@ -1,7 +1,11 @@
-//! The HDF5 library behind a narrow door: the only file that names the crate.
+//! The HDF5 library behind a narrow door: the only folder that names the crate.
 //!
 //! Every call is guarded: a panic inside the library becomes a [`LibraryError`]. Nothing here
 //! allocates from a declared size; callers ask for slices whose length they have bounded.
+
+mod swmr;
+
+pub(super) use swmr::{ElementType, RecordingFile};
 
 use super::error::LibraryError;
 use super::received::NumberType;

@@ -1,0 +1,186 @@
+//! A machine's recorder on its source's thread: gives it the clock, logs and shows what it does.
+
+use super::source::with_causes;
+use crate::api::view::RecordingView;
+use crate::capture::received::Received;
+use crate::capture::received::ReceivedChannel;
+use crate::capture::recording::file::RecordingHeader;
+use crate::capture::recording::machine::Counts;
+use crate::capture::recording::machine::Event;
+use crate::capture::recording::machine::MachineRecorder;
+use crate::capture::recording::store::Store;
+use crate::capture::recording::store::StoreEvent;
+use crate::capture::writer::CaptureHeader;
+use crate::config::Config;
+use crate::config::MachineConfig;
+use crate::ingest::replay::StreamInfo;
+use crate::telemetry::RecordingMetrics;
+use std::fs;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::time::Duration;
+use std::time::Instant;
+use tokio::sync::watch;
+
+/// Folder of recordings in the store.
+const FOLDER: &str = "recordings";
+
+/// The recorder of one machine.
+#[derive(Debug)]
+pub struct Recording {
+    machine: String,
+    recorder: MachineRecorder,
+    started: Instant,
+    publisher: watch::Sender<RecordingView>,
+    metrics: RecordingMetrics,
+    /// What the metrics know already.
+    told: Counts,
+}
+
+/// Opens the store of recordings and says what was found in it; `None` if nothing is recorded.
+pub(super) fn open_store(config: &Config) -> Option<Arc<Mutex<Store>>> {
+    config.recording.as_ref()?;
+    let root = config.store.directory.join(FOLDER);
+    let (store, events) = Store::open(&root, config.store.max_bytes);
+    events.iter().for_each(|event| log_store(None, event));
+    Some(Arc::new(Mutex::new(store)))
+}
+
+impl Recording {
+    /// Makes the recorder of a machine and the receiver of its state; `None` if nothing is
+    /// recorded.
+    pub(super) fn new(
+        config: &Config,
+        entry: &MachineConfig,
+        info: &StreamInfo,
+        store: &Arc<Mutex<Store>>,
+        metrics: RecordingMetrics,
+    ) -> Option<(Self, watch::Receiver<RecordingView>)> {
+        let settings = config.recording?;
+        let machine = entry.machine.id.clone();
+        let header = RecordingHeader {
+            capture: CaptureHeader {
+                start_time: info.start_time,
+                // It was read when the configuration was; a capture without it is still one.
+                machine: fs::read_to_string(&entry.file).ok(),
+                shaft_speed: info.shaft_speed,
+            },
+            configuration: Some(super::build::configuration_hash(config)),
+        };
+        let channels: Vec<ReceivedChannel> = info.received.clone();
+        let store = Arc::clone(store);
+        let recorder = MachineRecorder::new(&machine, header, channels, settings, store);
+        let (publisher, view) = watch::channel(RecordingView::default());
+        let (started, told) = (super::now(), Counts::default());
+        let recording = Self { machine, recorder, started, publisher, metrics, told };
+        Some((recording, view))
+    }
+
+    /// Records a run.
+    pub fn take(&mut self, run: Received) {
+        let events = self.recorder.take(run, self.now_s());
+        self.tell(&events);
+    }
+
+    /// Flushes if it is time to.
+    pub fn tick(&mut self) {
+        let events = self.recorder.tick(self.now_s());
+        self.tell(&events);
+    }
+
+    /// When [`Recording::tick`] will have something to do.
+    #[must_use]
+    pub fn flush_due(&self) -> Option<Instant> {
+        let due_s = self.recorder.flush_due_s()?;
+        Some(self.started + Duration::try_from_secs_f64(due_s).unwrap_or_default())
+    }
+
+    /// Completes the file.
+    pub fn finish(mut self) {
+        let events = self.recorder.finish(self.now_s());
+        self.tell(&events);
+    }
+
+    fn now_s(&self) -> f64 {
+        super::now().duration_since(self.started).as_secs_f64()
+    }
+
+    fn tell(&mut self, events: &[Event]) {
+        for event in events {
+            self.log(event);
+        }
+        let counts = self.recorder.counts();
+        let (metrics, told) = (&self.metrics, &self.told);
+        metrics.recorded.inc_by(counts.n_recorded.saturating_sub(told.n_recorded));
+        metrics.lost.inc_by(counts.n_lost.saturating_sub(told.n_lost));
+        metrics.failures.inc_by(counts.n_failures - told.n_failures);
+        metrics.removed.inc_by(counts.n_removed - told.n_removed);
+        metrics.bytes.set(i64::try_from(counts.holdings.bytes).unwrap_or(i64::MAX));
+        metrics.files.set(i64::try_from(counts.holdings.n_files).unwrap_or(i64::MAX));
+        if counts != *told || !events.is_empty() {
+            self.publisher.send_replace(view(&counts));
+        }
+        // What a failed file took back is not counted down: a counter only rises.
+        let n_recorded = counts.n_recorded.max(told.n_recorded);
+        self.told = Counts { n_recorded, ..counts };
+    }
+
+    fn log(&self, event: &Event) {
+        let machine = self.machine.as_str();
+        match event {
+            Event::Began { file } => {
+                tracing::info!(machine, file = %file.display(), "recording");
+            }
+            Event::Finished { file, n_samples, bytes } => {
+                tracing::info!(machine, file = %file.display(), n_samples, bytes, "recorded");
+            }
+            Event::Failed { error } => {
+                let error = with_causes(error);
+                tracing::error!(machine, error, "recording failed, another file is tried later");
+            }
+            Event::Store(event) => log_store(Some(machine), event),
+        }
+    }
+}
+
+/// What HTTP shows.
+fn view(counts: &Counts) -> RecordingView {
+    let name =
+        |file: &std::path::PathBuf| file.file_name().map(|n| n.to_string_lossy().into_owned());
+    RecordingView {
+        file: counts.file.as_ref().and_then(name),
+        failure: counts.failure.clone(),
+        n_files: counts.holdings.n_files,
+        bytes: counts.holdings.bytes,
+        n_recorded: counts.n_recorded,
+        n_lost: counts.n_lost,
+        n_failures: counts.n_failures,
+        n_removed: counts.n_removed,
+    }
+}
+
+fn log_store(machine: Option<&str>, event: &StoreEvent) {
+    match event {
+        StoreEvent::Recovered { file, samples } => {
+            let n_samples: u64 = samples.iter().map(|(_, n)| n).sum();
+            let by_channel: Vec<_> =
+                samples.iter().map(|(name, n)| format!("{name} {n}")).collect();
+            let (file, by_channel) = (file.display(), by_channel.join(", "));
+            tracing::warn!(%file, n_samples, by_channel, "recording left open was recovered");
+        }
+        StoreEvent::Damaged { file, aside, error } => {
+            let (file, aside, error) = (file.display(), aside.display(), with_causes(error));
+            tracing::error!(%file, %aside, error, "recording cannot be recovered, put aside");
+        }
+        StoreEvent::TemporaryRemoved { file } => {
+            tracing::warn!(file = %file.display(), "file that was never complete removed");
+        }
+        StoreEvent::Removed { file, bytes } => {
+            let file = file.display();
+            tracing::info!(machine, %file, bytes, "oldest recording removed, store is full");
+        }
+        StoreEvent::Unusable { place, error } => {
+            tracing::error!(machine, place = %place.display(), %error, "store cannot be used");
+        }
+    }
+}
