@@ -15,5 +15,6 @@ mod rubbish;
 mod recordings;
 mod page;
 mod diagnose;
+mod text_and_sound;
 mod check;
 mod demo;

@@ -32,15 +32,22 @@ pub(super) fn time_column(dialect: &Dialect) -> Option<TimeColumn> {
     })
 }
 
-/// A column as times, if all of its first cells are such; `unit_s`: seconds in a number's unit.
+/// A column as times, if most of its first cells are such; `unit_s`: seconds in a number's unit.
 pub(super) fn of_kind(dialect: &Dialect, column: usize, unit_s: f64) -> Option<TimeColumn> {
-    let cells = || first_cells(dialect, column);
-    let is_number = |cell: &[u8]| cell::number(cell, dialect.decimal_comma).is_some();
-    let kind = if cells().all(|cell| times::instant(cell).is_some_and(|(_, dated)| dated)) {
+    let (mut n_cells, mut n_dated, mut n_of_day, mut n_numbers) = (0, 0, 0, 0);
+    for cell in first_cells(dialect, column) {
+        n_cells += 1;
+        match times::instant(cell) {
+            Some((_, true)) => n_dated += 1,
+            Some((_, false)) => n_of_day += 1,
+            None => n_numbers += i32::from(cell::number(cell, dialect.decimal_comma).is_some()),
+        }
+    }
+    let kind = if 2 * n_dated > n_cells {
         TimeKind::Instant
-    } else if cells().all(|cell| times::instant(cell).is_some_and(|(_, dated)| !dated)) {
+    } else if 2 * n_of_day > n_cells {
         TimeKind::OfDay
-    } else if cells().all(is_number) {
+    } else if 2 * n_numbers > n_cells {
         TimeKind::Number { unit_s }
     } else {
         return None;

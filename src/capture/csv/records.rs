@@ -127,8 +127,15 @@ impl<R: BufRead> Records<R> {
 
 /// The cells of one line alone.
 pub(super) fn cells_of(line: &[u8], separator: u8) -> Option<Vec<Vec<u8>>> {
-    let mut records = Records::new(line, separator, 1);
-    let found = records.advance().ok()?;
-    let cells = || (0..records.len()).map(|at| records.cell(at).to_vec()).collect();
-    found.then(cells)
+    if line.contains(&b'"') {
+        let mut records = Records::new(line, separator, 1);
+        let found = records.advance().ok()?;
+        let cells = || (0..records.len()).map(|at| records.cell(at).to_vec()).collect();
+        return found.then(cells);
+    }
+    let by_blanks = separator == b' ';
+    let cells = line.split(|&byte| byte == separator);
+    let cells = cells.map(<[u8]>::trim_ascii).filter(|cell| !by_blanks || !cell.is_empty());
+    let cells: Vec<Vec<u8>> = cells.take(COLUMNS_MAX + 1).map(<[u8]>::to_vec).collect();
+    (cells.len() <= COLUMNS_MAX).then_some(cells)
 }

@@ -94,7 +94,7 @@ fn every_dialect_reads_alike() {
         ("\u{feff}t, x, y\n", ", ", false, "\n", "header in line 1"),
         ("# rig 7\n# 2026\nt,x,y\n", ",", false, "\n", "header in line 3"),
         ("Logger: A7\nRate;1000\n\n\"t [s]\";\"x\";\"y\"\n", ";", true, "\n", "(\"t [s]\")"),
-        ("t,x,y\ns,g,g\n", ",", false, "\n", "header in line 1, units in line 2"),
+        ("t,x,y\ns,m/s^2,mm/s\n", ",", false, "\n", "header in line 1, units in line 2"),
         ("# t x y\n", " ", false, "\n", "header in line 1"),
         ("", ",", false, "\n", "no header, table from line 1"),
         ("Time (s),x,y\n", ",", false, ",\n", "(\"Time (s)\")"),
@@ -206,12 +206,12 @@ fn the_map_names_numbers_and_converts_columns() {
         ("a=/Fan,row=1", "give column="),
         ("a=/Fan,rate=@rate", "give the value"),
         ("a=/Fan,rate=0", "allowed: 0.000001 to"),
-        ("a=/Fan,time=/DE", "straight line"),
+        ("a=/Fan,time=/DE", "falls back"),
         ("a=/Fan,scale=0", "scale not 0"),
         ("@start_time=/Fan", "no place for it"),
     ] {
         let found = error(&text, &mapped(&[entry]));
-        assert!(found.contains(what) || found.contains("falls back"), "{entry}: {found}");
+        assert!(found.contains(what), "{entry}: {found}");
     }
     assert!(error(&text, &mapped(&["a=/Fan,rate=10", "b=/DE,rate=20"])).contains("one rate"));
 }
@@ -275,11 +275,12 @@ fn flipped_and_cut_bytes_are_an_error_or_a_table() {
     let whole = table("# rig\nt [s];x [g];y\n", ";", true, "\r\n").into_bytes();
     let whole = &whole[..2000];
     let mut n_read = 0;
-    for round in 0..1500 {
+    for round in 0..600 {
         let mut bytes = whole.to_vec();
         for _ in 0..random.random_range(1..4) {
             let at = random.random_range(0..bytes.len());
-            bytes[at] = random.random();
+            bytes[at] =
+                if round % 2 == 0 { random.random() } else { random.random_range(b'+'..=b'=') };
         }
         if round % 3 == 0 {
             bytes.truncate(random.random_range(0..bytes.len()));
@@ -294,5 +295,5 @@ fn flipped_and_cut_bytes_are_an_error_or_a_table() {
             Err(error) => assert!(error.to_string().contains("a.csv"), "{error}"),
         }
     }
-    assert!(n_read > 100, "{n_read}: not every byte can matter");
+    assert!(n_read > 20, "{n_read}: not every byte can matter");
 }

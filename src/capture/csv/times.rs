@@ -264,8 +264,7 @@ fn interval_of(rows: &[RowTime]) -> Option<f64> {
         steps.sort_by(f64::total_cmp);
         let median_s = steps[steps.len() / 2];
         let is_last = 2 * lag >= rows.len();
-        let clear = median_s >= CLEAR_UNITS * quantum_s || is_last && median_s >= 2.0 * quantum_s;
-        if clear && median_s > 0.0 {
+        if (is_last || median_s >= CLEAR_UNITS * quantum_s) && median_s > 0.0 {
             return Some(median_s / lag as f64);
         }
         lag *= 2;
