@@ -72,7 +72,7 @@ pub(super) fn guess(head: &[u8], whole: bool) -> Option<Dialect> {
             best = Some(trial);
         }
     }
-    let trial = best?;
+    let mut trial = best?;
     let first = trial.first_row()?;
     let shapes = || trial.rows[first..].iter().filter(|row| row.len() == trial.n_columns).flatten();
     let count = |shape| shapes().filter(|cell| Shape::of(cell) == shape).count();
@@ -91,7 +91,7 @@ pub(super) fn guess(head: &[u8], whole: bool) -> Option<Dialect> {
         headings,
         marked,
         latin_1,
-        first_rows: trial.rows[first..].to_vec(),
+        first_rows: trial.rows.split_off(first),
     })
 }
 

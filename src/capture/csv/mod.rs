@@ -37,7 +37,7 @@ use survey::{ColumnSurvey, Survey};
 use times::{TimeFault, TimeKind, Timed};
 
 /// Bytes at the beginning from which the dialect is guessed.
-const HEAD_BYTES: usize = 2 << 20;
+const HEAD_BYTES: usize = 1 << 20;
 
 /// One cell in so many may hold no number; with more, a column is refused.
 const GOOD_FOR_ONE_BAD: u64 = 1000;

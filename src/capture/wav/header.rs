@@ -230,7 +230,7 @@ fn chunks_to_the_end<R: Read + Seek>(
 ) -> io::Result<bool> {
     for _ in 0..CHUNKS_MAX {
         let Some((id, length)) = chunk(file, at, file_bytes)? else { break };
-        if !id.iter().all(u8::is_ascii_graphic) && !id.iter().all(|b| matches!(b, b' '..=b'~')) {
+        if !id.iter().all(|byte| matches!(byte, b' '..=b'~')) {
             return Ok(false);
         }
         at += 8 + u64::from(length) + u64::from(length % 2);
