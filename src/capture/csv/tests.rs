@@ -263,7 +263,7 @@ fn what_is_no_table_is_refused_with_the_remedy() {
     let wide = "1,".repeat(3000) + "1\n";
     assert!(read(wide.repeat(3), &rate(1.0)).is_err());
     // A line without an end, beyond what is held.
-    let long = "0.1;1\n0.2;2\n".repeat(200_000) + &"\"".to_owned() + &"x".repeat(3 << 20);
+    let long = "0.1;1\n0.2;2\n".repeat(200_000) + "\"" + &"x".repeat(3 << 20);
     assert!(error(long, &rate(1.0)).contains("quotation mark"));
 }
 
