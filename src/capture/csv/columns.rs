@@ -17,9 +17,9 @@ pub(super) struct TimeColumn {
 pub(super) fn time_column(dialect: &Dialect) -> Option<TimeColumn> {
     let named = |column: usize| {
         let unit_s = dialect.headings[column].time_unit_s()?;
-        let is_short = dialect.headings[column].name.len() == 1; // or a temperature
+        let is_doubtful = dialect.headings[column].name == "T"; // or a temperature
         let found = of_kind(dialect, column, unit_s)?;
-        (!is_short || rises(dialect, found)).then_some(found)
+        (!is_doubtful || rises(dialect, found)).then_some(found)
     };
     let dated = |column: usize| {
         let found = of_kind(dialect, column, 1.0)?;

@@ -249,6 +249,11 @@ fn cells_without_a_number_are_counted_and_lines_of_another_width_refused() {
     let back = text.replacen("\n1.200,", "\n0.200,", 1);
     let found = error(&back, &Hints::default());
     assert!(found.contains("a.csv:1202: the time falls back"), "{found}");
+    // A fall within the first lines does not make the times a channel, except of what may be one.
+    let early = text.replacen("\n0.050,", "\n0.020,", 1);
+    assert!(error(&early, &Hints::default()).contains("a.csv:52: the time falls back"));
+    let doubtful = early.replacen("t,x", "T,x", 1);
+    assert_eq!(read(&doubtful, &rate(1000.0)).unwrap().1.len(), 3);
     let (info, ..) = read(&back, &rate(1000.0)).unwrap();
     assert!(info.notes[1].contains("times passed over (line 1202"), "{:?}", info.notes);
 }
