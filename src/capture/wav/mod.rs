@@ -58,14 +58,7 @@ pub(super) fn open(
         HeaderError::Io(source) => io(source),
         HeaderError::Problem(problem) => table_error(path, format!("WAV: {problem}")),
     })?;
-    let offered: Vec<Offered> = (0..usize::from(header.n_channels))
-        .map(|column| Offered {
-            column,
-            name: format!("ch{}", column + 1),
-            heading: String::new(),
-            unit: None,
-        })
-        .collect();
+    let offered = offered(&header);
     let choice = match table::map_of(path, machine, hints)? {
         Some(map) => table::choose(path, &map, &offered)?,
         None => all(&offered),
@@ -73,19 +66,7 @@ pub(super) fn open(
     let mut notes = header.notes.clone();
     let rate = rate(path, &header, &choice, hints, &mut notes)?;
     let (kind, scale, ends) = numbers(header.encoding);
-    let mut rows = WavRows {
-        path: path.into(),
-        file,
-        encoding: header.encoding,
-        n_channels: usize::from(header.n_channels),
-        columns: choice.channels.iter().map(|channel| channel.column).collect(),
-    };
-    let rewind = |rows: &mut WavRows| {
-        rows.file.seek(SeekFrom::Start(header.data_at)).map(|_| ()).map_err(io)
-    };
-    rewind(&mut rows)?;
-    let first = rows.read(0, FIRST_SAMPLES.min(header.n_frames))?;
-    rewind(&mut rows)?;
+    let (rows, first) = rows(path, file, &header, &choice)?;
     let facts = Facts {
         path,
         machine,
@@ -133,6 +114,38 @@ pub(super) fn open(
         width: u64::from(header.n_channels),
     };
     Ok(Opened { info, sources: vec![source], segments: Segments::one(rate) })
+}
+
+/// The channels by number.
+fn offered(header: &Header) -> Vec<Offered> {
+    let offer = |column| Offered {
+        column,
+        name: format!("ch{}", column + 1),
+        heading: String::new(),
+        unit: None,
+    };
+    (0..usize::from(header.n_channels)).map(offer).collect()
+}
+
+/// The rows, at their beginning, and the first samples of each channel chosen.
+fn rows(
+    path: &Path,
+    file: File,
+    header: &Header,
+    choice: &Choice,
+) -> Result<(WavRows, Vec<RawSamples>), CaptureError> {
+    let io = |source| CaptureError::Io { file: path.into(), action: "read it", source };
+    let mut rows = WavRows {
+        path: path.into(),
+        file,
+        encoding: header.encoding,
+        n_channels: usize::from(header.n_channels),
+        columns: choice.channels.iter().map(|channel| channel.column).collect(),
+    };
+    rows.file.seek(SeekFrom::Start(header.data_at)).map_err(io)?;
+    let first = rows.read(0, FIRST_SAMPLES.min(header.n_frames))?;
+    rows.file.seek(SeekFrom::Start(header.data_at)).map_err(io)?;
+    Ok((rows, first))
 }
 
 /// Every channel, in the order of their names.
