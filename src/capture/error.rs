@@ -22,13 +22,44 @@ pub enum CaptureError {
         /// The cause.
         source: std::io::Error,
     },
-    /// No HDF5 signature.
-    #[error("{}: not an HDF5 file: {found}; a capture is an HDF5 file (docs/hdf5.md)", file.display())]
+    /// No HDF5 signature, nor anything else that is known.
+    #[error(
+        "{}: not a capture: {found}; captures are HDF5 (docs/hdf5.md), CSV and WAV (docs/captures.md)",
+        file.display()
+    )]
     NotHdf5 {
         /// The file.
         file: PathBuf,
         /// What stands there instead.
         found: String,
+    },
+    /// A known kind that is not read.
+    #[error("{}: this is {found}, which is not read: {remedy}", file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// What it is.
+        found: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A line of a text file.
+    #[error("{}:{line}: {problem}", file.display())]
+    Line {
+        /// The file.
+        file: PathBuf,
+        /// Number of the line, from 1.
+        line: u64,
+        /// What is wrong with it, and the remedy.
+        problem: String,
+    },
+    /// A CSV or WAV file as a whole.
+    #[error("{}: {problem}", file.display())]
+    Table {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it, and the remedy.
+        problem: String,
     },
     /// Shorter than its own superblock says.
     #[error(

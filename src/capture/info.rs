@@ -33,8 +33,35 @@ pub struct CaptureInfo {
     pub ignored: Vec<String>,
     /// Channels that the machine's sensors name and the capture lacks.
     pub absent_channels: Vec<String>,
-    /// What is unusual about the file and does no harm.
+    /// What kind of file it is.
+    pub kind: CaptureKind,
+    /// What was guessed, left out or overruled in reading it, a text each.
     pub notes: Vec<String>,
+    /// Command-line options that name, of a CSV or WAV file, what was found and what it lacks.
+    pub options: Option<String>,
+}
+
+/// Kinds of files that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CaptureKind {
+    /// HDF5.
+    Hdf5,
+    /// A table of numbers as text.
+    Csv,
+    /// RIFF WAVE.
+    Wav,
+}
+
+impl CaptureKind {
+    /// Name for people.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hdf5 => "capture",
+            Self::Csv => "CSV",
+            Self::Wav => "WAV",
+        }
+    }
 }
 
 /// One channel of a capture.
@@ -65,7 +92,7 @@ impl CaptureInfo {
     #[must_use]
     pub fn missing(&self) -> Vec<String> {
         let mut missing = Vec::new();
-        if !self.format_stated {
+        if !self.format_stated && self.kind == CaptureKind::Hdf5 {
             missing.push("format: no attribute, accepted by its layout".to_owned());
         }
         if self.machine.is_none() {
@@ -105,11 +132,15 @@ impl fmt::Display for CaptureInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{}: capture, {} bytes, {} s",
+            "{}: {}, {} bytes, {} s",
             self.file.display(),
+            self.kind.name(),
             self.file_bytes,
             self.duration_s
         )?;
+        for note in &self.notes {
+            writeln!(f, "  {note}")?;
+        }
         if let Some(speed) = self.shaft_speed {
             writeln!(f, "  shaft speed {} Hz", speed.0)?;
         }
@@ -128,9 +159,6 @@ impl fmt::Display for CaptureInfo {
         }
         if !self.ignored.is_empty() {
             writeln!(f, "  not channels, ignored: {}", self.ignored.join(", "))?;
-        }
-        for note in &self.notes {
-            writeln!(f, "  {note}")?;
         }
         for line in self.missing() {
             writeln!(f, "  missing {line}")?;

@@ -6,7 +6,7 @@ use super::convert::Conversion;
 use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
 use super::hdf5::{Attribute, Dataset, Entry, File};
-use super::info::{CaptureInfo, ChannelDescription};
+use super::info::{CaptureInfo, CaptureKind, ChannelDescription};
 use super::open::Opened;
 use super::received::NumberType;
 use super::recording::repair;
@@ -74,7 +74,9 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
         other_attributes: header.others,
         ignored,
         absent_channels,
+        kind: CaptureKind::Hdf5,
         notes: left_open.into_iter().chain(note).collect(),
+        options: None,
     };
     Ok(Opened { info, sources, segments })
 }

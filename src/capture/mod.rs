@@ -7,6 +7,7 @@
 //! truth (`/truth`, `label`-like attributes).
 
 pub mod error;
+pub mod content;
 pub mod hints;
 pub mod map;
 pub mod info;
@@ -26,6 +27,9 @@ mod channel_unit;
 mod segments;
 mod convert;
 mod stream;
+mod table;
+mod csv;
+mod wav;
 
 #[cfg(test)]
 mod tests;

@@ -235,8 +235,12 @@ fn files_that_are_no_captures_say_what_they_are() {
     let (_folder, path) = scratch();
     std::fs::write(&path, "").unwrap();
     assert!(refused(&path).contains("it is empty"));
-    std::fs::write(&path, vec![b'x'; 5000]).unwrap();
+    std::fs::write(&path, vec![1; 5000]).unwrap();
     assert!(refused(&path).contains("no HDF5 signature"));
+    std::fs::write(&path, vec![b'x'; 5000]).unwrap();
+    assert!(refused(&path).contains("text without a table of numbers"));
+    std::fs::write(&path, b"MATLAB 5.0 MAT-file, Platform: GLNXA64").unwrap();
+    assert!(refused(&path).contains("save -v7.3"));
     assert!(matches!(
         CaptureReader::open(&path.with_extension("no"), None, &Hints::default()).unwrap_err(),
         CaptureError::Io { .. }

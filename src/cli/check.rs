@@ -35,10 +35,12 @@ Examples:
   rotorwatch check --frequencies rig.toml
   rotorwatch check --repair data/recordings/rig-1/rig-1-00000007.h5
   rotorwatch check --frequencies --speed 29.5 --resolution 0.5 rig.toml
+  rotorwatch check --rate 12000 logger.csv
 
-What a file is, its content decides: a capture is HDF5, a machine file has a table [machine], a
-configuration of the daemon [server], [pipeline], [[machine]] or [[source]]. Captures are read to
-their last sample.
+What a file is, its content decides: a capture is HDF5, WAV or a table of numbers (CSV), a machine
+file has a table [machine], a configuration of the daemon [server], [pipeline], [[machine]] or
+[[source]]. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
+options that name it otherwise.
 
 --repair closes recordings that their recorder left open because it was killed: one write of the
 superblock, in place; no sample is touched. What then cannot be read to its last sample is put back
@@ -90,6 +92,11 @@ enum CheckError {
     Map(#[from] MapError),
     #[error(transparent)]
     Capture(#[from] CaptureError),
+    #[error(
+        "{}: this is {found}, not a machine file, a configuration or a capture{remedy}",
+        file.display()
+    )]
+    Unknown { file: PathBuf, found: &'static str, remedy: String },
     #[error("{}: no speed is known to list lines at: give --speed HZ, or speed_hz of the first [[shaft]]", file.display())]
     NoSpeed { file: PathBuf },
 }
@@ -128,6 +135,7 @@ fn tell(error: &CheckError) {
         CheckError::Input(_)
         | CheckError::Map(_)
         | CheckError::Capture(_)
+        | CheckError::Unknown { .. }
         | CheckError::NoSpeed { .. } => {
             super::tell(error);
         }
@@ -158,12 +166,11 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
             Ok(())
         }
         FileKind::Capture => check_capture(path, arguments, out),
-        FileKind::Unknown(found) => Err(CheckError::Input(InputError::Kind {
+        FileKind::Unknown(found, remedy) => Err(CheckError::Unknown {
             file: path.to_owned(),
             found,
-            wanted: "a machine file, a configuration or a capture",
-            hint: "",
-        })),
+            remedy: if remedy.is_empty() { String::new() } else { format!(": {remedy}") },
+        }),
     }
 }
 
@@ -200,6 +207,12 @@ fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result
         out.push_str(&format!("  not used: {}\n", told.reasons().join("; ")));
     }
     let info = reader.info();
+    if let Some(options) = &info.options {
+        let name = quoted(&path.display().to_string());
+        out.push_str(&format!(
+            "  to name channels or units otherwise, change this:\n    rotorwatch diagnose --machine rig.toml {options} {name}\n"
+        ));
+    }
     let Some(text) = &info.machine else { return Ok(()) };
     let name = format!("{} (attribute `machine`)", path.display());
     let machine = file::parse(text, &name)?;
@@ -250,6 +263,16 @@ fn configuration(name: &str, config: &Config) -> String {
         text.push_str(&indented(&(report::summary(&entry.machine) + &source)));
     }
     text
+}
+
+/// A name as a shell takes it.
+fn quoted(name: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "._-/+:@%".contains(c);
+    if name.chars().all(is_plain) {
+        name.to_owned()
+    } else {
+        format!("'{}'", name.replace('\'', r"'\''"))
+    }
 }
 
 fn indented(text: &str) -> String {

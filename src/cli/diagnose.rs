@@ -38,6 +38,10 @@ Examples:
   rotorwatch diagnose --machine rig.toml --baseline healthy.h5 run-7.h5 run-8.h5
   rotorwatch diagnose --machine rig.toml --format json --out verdicts.jsonl runs/*.h5
   rotorwatch diagnose --machine rig.toml --fail-on damaged run-7.h5 || page-someone
+  rotorwatch diagnose --machine rig.toml --rate 12000 --map 'DE=/acc x,unit=g' run-7.csv
+  rotorwatch diagnose --machine rig.toml --map DE=/ch1,unit=V,scale=1.5e-4 run-7.wav
+
+Captures are HDF5, CSV or WAV: the content decides. `rotorwatch check` shows what is in one.
 
 Without --machine the capture's own machine description is used; without that only levels and the
 health of the sensors can be told.
@@ -48,7 +52,7 @@ or written (the other captures still are).";
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Captures (HDF5); each is diagnosed on its own.
+    /// Captures (HDF5, CSV, WAV); each is diagnosed on its own.
     #[arg(required = true, value_name = "CAPTURE")]
     pub captures: Vec<PathBuf>,
     /// Machine file: what turns, where the sensors are.

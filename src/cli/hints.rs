@@ -18,7 +18,7 @@ pub struct HintArguments {
     /// A number or unit may be a place in the file: @attribute, /path@attribute, /path
     #[arg(long, value_name = "NAME=/PATH[,OPTION=VALUE]")]
     pub map: Vec<String>,
-    /// Samples a second of channels whose file does not say it.
+    /// Samples a second of channels whose file does not say it; of CSV and WAV it wins over the file.
     #[arg(long, value_name = "HZ", value_parser = rate)]
     pub rate: Option<f64>,
     /// Unit of channels whose file and machine file do not say it: g, m/s^2, mm/s, um, V, …

@@ -1,18 +1,15 @@
 //! Files named on the command line: what kind each is, by its content, and machine files read.
 
+use crate::capture::content;
+use crate::capture::content::Content;
 use crate::machine::Machine;
 use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use std::fs::File;
 use std::io;
 use std::io::Read;
-use std::io::Seek;
-use std::io::SeekFrom;
 use std::path::Path;
 use std::path::PathBuf;
-
-/// First bytes of an HDF5 superblock.
-const HDF5_SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 
 /// Tables that only a configuration of the daemon has.
 const CONFIGURATION_TABLES: [&str; 5] = ["server", "store", "pipeline", "alarms", "source"];
@@ -20,14 +17,14 @@ const CONFIGURATION_TABLES: [&str; 5] = ["server", "store", "pipeline", "alarms"
 /// What a file is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FileKind {
-    /// HDF5.
+    /// HDF5, WAV, or text with a table of numbers (CSV).
     Capture,
     /// TOML with a table `[machine]`, and its text.
     Machine(String),
     /// TOML with a table of the daemon or a list `[[machine]]`.
     Configuration,
-    /// None of these, and what stands there.
-    Unknown(&'static str),
+    /// None of these: what stands there, and what to do, empty if nothing helps.
+    Unknown(&'static str, &'static str),
 }
 
 impl FileKind {
@@ -35,10 +32,10 @@ impl FileKind {
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
-            Self::Capture => "a capture (HDF5)",
+            Self::Capture => "a capture",
             Self::Machine(_) => "a machine file",
             Self::Configuration => "a configuration of the daemon",
-            Self::Unknown(what) => what,
+            Self::Unknown(what, _) => what,
         }
     }
 }
@@ -78,17 +75,18 @@ pub enum InputError {
 pub fn kind(path: &Path) -> Result<FileKind, InputError> {
     let look = || {
         let mut file = File::open(path)?;
-        if file.metadata()?.is_dir() {
-            return Err(io::Error::new(io::ErrorKind::IsADirectory, "is a directory"));
+        match content::of(&mut file)? {
+            Content::Hdf5 | Content::Wav => return Ok(FileKind::Capture),
+            Content::Foreign(kind) => return Ok(FileKind::Unknown(kind.name, kind.remedy)),
+            Content::Empty => return Ok(FileKind::Unknown("an empty file", "")),
+            Content::Binary => return Ok(FileKind::Unknown("a file of an unknown kind", "")),
+            Content::Text => {}
         }
-        if has_hdf5_signature(&mut file)? {
-            return Ok(FileKind::Capture);
-        }
-        file.rewind()?;
         let mut bytes = Vec::new();
         // One more than is read of a machine file, so that a longer one is told so.
-        file.take(file::MAX_TEXT_BYTES as u64 + 1).read_to_end(&mut bytes)?;
-        Ok(kind_of_text(bytes))
+        let limit = file::MAX_TEXT_BYTES + 1;
+        file.take(limit as u64).read_to_end(&mut bytes)?;
+        Ok(kind_of_text(&bytes, bytes.len() < limit))
     };
     look().map_err(|source| InputError::Read { file: path.to_owned(), source })
 }
@@ -113,7 +111,7 @@ pub fn machine(path: &Path) -> Result<Machine, InputError> {
             FileKind::Configuration.name(),
             ": name the file that its [[machine]] names, or use `rotorwatch serve`",
         )),
-        FileKind::Unknown(found) => {
+        FileKind::Unknown(found, _) => {
             Err(wrong(found, ": a machine file is TOML with a table [machine] (docs/machines.md)"))
         }
     }
@@ -126,51 +124,33 @@ pub fn not_a_capture(path: &Path) -> Option<InputError> {
     let hint = match found {
         FileKind::Machine(_) => ": name it with --machine",
         FileKind::Configuration => ": `rotorwatch serve --config` takes it",
-        FileKind::Capture | FileKind::Unknown(_) => return None,
+        FileKind::Capture | FileKind::Unknown(..) => return None,
     };
     let (file, found) = (path.to_owned(), found.name());
     Some(InputError::Kind { file, found, wanted: "a capture", hint })
 }
 
-/// Whether an HDF5 superblock stands at 0, or at 512 doubled repeatedly behind a user block.
-fn has_hdf5_signature(file: &mut File) -> io::Result<bool> {
-    let length = file.metadata()?.len();
-    let mut at = 0_u64;
-    while at.saturating_add(8) <= length {
-        let mut found = [0; 8];
-        file.seek(SeekFrom::Start(at))?;
-        file.read_exact(&mut found)?;
-        if found == HDF5_SIGNATURE {
-            return Ok(true);
-        }
-        at = if at == 0 { 512 } else { at.saturating_mul(2) };
-    }
-    Ok(false)
-}
-
-fn kind_of_text(bytes: Vec<u8>) -> FileKind {
-    if bytes.is_empty() {
-        return FileKind::Unknown("an empty file");
-    }
-    let text = match String::from_utf8(bytes) {
-        Ok(text) if !text.contains('\0') => text,
-        Ok(_) | Err(_) => return FileKind::Unknown("a file that is neither HDF5 nor text"),
-    };
+/// Tells texts apart: `whole` if the bytes are all of it.
+fn kind_of_text(bytes: &[u8], whole: bool) -> FileKind {
+    let text = std::str::from_utf8(bytes).unwrap_or_default();
     let (is_machine, is_configuration) = match text.parse::<toml::Table>() {
         Ok(table) => (
             table.get("machine").is_some_and(toml::Value::is_table),
             table.get("machine").is_some_and(toml::Value::is_array)
                 || CONFIGURATION_TABLES.iter().any(|name| table.contains_key(*name)),
         ),
-        Err(_) => by_headings(&text),
+        Err(_) => by_headings(text),
     };
     if is_configuration {
         FileKind::Configuration
     } else if is_machine {
-        FileKind::Machine(text)
+        FileKind::Machine(text.to_owned())
+    } else if content::is_table(bytes, whole) {
+        FileKind::Capture
     } else {
         FileKind::Unknown(
-            "a text file without a table [machine], [server], [pipeline] or [[source]]",
+            "a text file without a table [machine], [server], [pipeline] or [[source]], and without a table of numbers",
+            "",
         )
     }
 }
@@ -200,15 +180,15 @@ mod tests {
     #[test]
     fn content_decides() {
         assert_eq!(kind_of(b"\x89HDF\r\n\x1a\n...."), FileKind::Capture);
-        let mut behind = vec![0; 1024];
-        behind.extend(HDF5_SIGNATURE);
-        assert_eq!(kind_of(&behind), FileKind::Capture);
+        assert_eq!(kind_of(b"RIFF\x24\0\0\0WAVEfmt "), FileKind::Capture);
+        assert_eq!(kind_of(b"a,b\n1,2\n3,4\n"), FileKind::Capture);
+        assert_eq!(kind_of(b"n;\xb5m\n1,5;2\n2,5;4\n"), FileKind::Capture);
         assert!(matches!(kind_of(b"[machine]\nid = 'm'\n"), FileKind::Machine(_)));
         assert!(matches!(kind_of(b"machine.id = 'm'\n"), FileKind::Machine(_)));
         assert_eq!(kind_of(b"[[machine]]\nfile = 'm.toml'\n"), FileKind::Configuration);
         assert_eq!(kind_of(b"[alarms]\n"), FileKind::Configuration);
-        for unknown in [&b""[..], b"\0\0", b"\xff\xfe", b"a,b\n1,2\n", b"[tool]\n"] {
-            assert!(matches!(kind_of(unknown), FileKind::Unknown(_)), "{unknown:?}");
+        for unknown in [&b""[..], b"\0\0", b"\xff\xfe", b"a,b\nc,d\n", b"[tool]\n"] {
+            assert!(matches!(kind_of(unknown), FileKind::Unknown(..)), "{unknown:?}");
         }
     }
 
@@ -222,9 +202,14 @@ mod tests {
     fn a_file_given_for_another_is_told_what_to_do() {
         let dir = tempfile::tempdir().unwrap();
         let capture = dir.path().join("x.h5");
-        std::fs::write(&capture, HDF5_SIGNATURE).unwrap();
+        std::fs::write(&capture, b"\x89HDF\r\n\x1a\n").unwrap();
         let text = machine(&capture).unwrap_err().to_string();
-        assert!(text.ends_with("x.h5: this is a capture (HDF5), not a machine file: captures are named without an option"), "{text}");
+        assert!(
+            text.ends_with(
+                "x.h5: this is a capture, not a machine file: captures are named without an option"
+            ),
+            "{text}"
+        );
         let rig = dir.path().join("rig.toml");
         std::fs::write(&rig, "[machine]\nid = 'm'\n").unwrap();
         let text = not_a_capture(&rig).unwrap().to_string();

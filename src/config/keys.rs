@@ -63,6 +63,8 @@ pub const KEYS: &[Key] = &[
     key("source", "file", Kind::Text),
     key("source", "speed", Kind::Speed),
     key("source", "loop", Kind::Flag),
+    key("source", "rate_hz", Kind::Number(1e-6, 1e9)),
+    key("source", "unit", Kind::Text),
 ];
 
 const fn key(section: &'static str, name: &'static str, kind: Kind) -> Key {

@@ -80,6 +80,8 @@ pub(super) struct Source {
     pub(super) file: Option<String>,
     pub(super) speed: Option<Speed>,
     pub(super) r#loop: Option<bool>,
+    pub(super) rate_hz: Option<f64>,
+    pub(super) unit: Option<String>,
 }
 
 /// `"max"` or a number.

@@ -12,9 +12,12 @@ use super::scan::Scan;
 use crate::alarms;
 use crate::capture::hints::Hints;
 use crate::capture::recording::machine as recording;
+use crate::capture::map::ChannelMap;
 use crate::ingest::replay;
 use crate::machine::Machine;
 use crate::pipeline;
+use crate::units::Hz;
+use crate::units::SourceUnit;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::fs;
@@ -283,12 +286,24 @@ impl Resolver<'_> {
             Some(raw::Speed::Factor(factor)) => replay::Speed::Times(factor),
             Some(raw::Speed::Word(raw::SpeedWord::Max)) | None => replay::Speed::Max,
         };
+        let unit = raw.unit.filter(|unit| self.is_unit(path, unit));
+        let hints = Hints { map: ChannelMap::default(), rate: raw.rate_hz.map(Hz), unit };
         Some(SourceConfig::Replay(replay::Settings {
-            hints: Hints::default(),
+            hints,
             file,
             speed,
             repeat: raw.r#loop.unwrap_or(false),
         }))
+    }
+
+    /// Whether a source's unit is known; reports it if not.
+    fn is_unit(&mut self, path: &str, unit: &str) -> bool {
+        let is_known = SourceUnit::parse(unit).is_some();
+        if !is_known {
+            let allowed = SourceUnit::ACCEPTED.join(", ");
+            self.report(&format!("{path}.unit"), format!("{unit:?} is none of {allowed}"));
+        }
+        is_known
     }
 
     /// Resolves paths and reports those that are no files.

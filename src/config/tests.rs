@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::capture::hints::Hints;
+use crate::units::Hz;
 use std::ffi::OsString;
 use tempfile::TempDir;
 
@@ -203,6 +204,21 @@ fn one_source_a_machine() {
     let absent = "[[machine]]\nbaseline = []\n[[source]]\nkind = \"replay\"\n";
     let found = mistakes(absent, &[]);
     assert_eq!(found.len(), 3, "{found:#?}"); // machine.file, source.machine, source.file
+}
+
+#[test]
+fn what_a_file_does_not_say_its_source_says() {
+    let config = load_text(&format!("{RIG}rate_hz = 12000\nunit = \"g\"\n"), &[]).unwrap();
+    let SourceConfig::Replay(replay) = &config.machines[0].source;
+    let hints = (replay.hints.rate, replay.hints.unit.as_deref());
+    assert_eq!(hints, (Some(Hz(12_000.0)), Some("g")));
+    let found = mistakes(&format!("{RIG}rate_hz = 0\nunit = \"furlong\"\n"), &[]);
+    assert_eq!(found.len(), 2, "{found:#?}");
+    assert!(
+        found[0].contains("source[0].rate_hz: 0 is not a number from 0.000001 to"),
+        "{found:#?}"
+    );
+    assert!(found[1].contains("source[0].unit: \"furlong\" is none of g, m/s^2"), "{found:#?}");
 }
 
 #[test]

@@ -187,7 +187,7 @@ fn files_given_for_each_other_are_told_apart() {
     let dir = folder();
     let ended = diagnose(&dir, &["--machine", "inner.h5", "healthy.h5"]);
     assert_eq!(code(&ended), 2);
-    assert!(ended.stderr.contains("inner.h5: this is a capture (HDF5), not a machine file"));
+    assert!(ended.stderr.contains("inner.h5: this is a capture, not a machine file"));
     let ended = diagnose(&dir, &["machine.toml"]);
     assert_eq!(code(&ended), 2);
     let hint = "error: machine.toml: this is a machine file, not a capture: name it with --machine";

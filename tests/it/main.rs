@@ -16,5 +16,6 @@ mod recordings;
 mod recorder;
 mod page;
 mod diagnose;
+mod text_and_sound;
 mod check;
 mod demo;
