@@ -16,10 +16,13 @@ pub mod writer;
 
 mod open;
 mod hdf5; // the only file that names the crate
+mod filters;
 mod root;
 mod checks;
 mod layout;
 mod dataset;
+mod integrity;
+mod checksums;
 mod rows;
 mod channel_unit;
 mod segments;
