@@ -1,7 +1,8 @@
 //! What attributes and data sets may declare: types, limits, and the errors that name them.
 
 use super::error::{CaptureError, LibraryError};
-use super::hdf5::{self, Attribute, Dataset, Storage};
+use super::filters;
+use super::hdf5::{Attribute, Dataset, Storage};
 use std::path::Path;
 
 /// Bytes of an attribute's text at most.
@@ -121,7 +122,7 @@ impl Checks<'_> {
         )?;
         let mut text = format!("chunks of {chunk}");
         for id in filters {
-            let name = hdf5::filter_name(id).map_err(|found| {
+            let name = filters::filter_name(id).map_err(|found| {
                 let expected = "gzip, shuffle, fletcher32, lzf, zstd or another filter of docs/hdf5.md; h5repack converts";
                 self.dataset_error(path, &found, expected)
             })?;

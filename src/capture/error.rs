@@ -160,6 +160,34 @@ pub enum CaptureError {
         /// Samples there.
         found: u64,
     },
+    /// Samples are not those that were written.
+    #[error(
+        "{}: {dataset}: samples {first} to {last} differ from their checksum: damaged; copy the file again or take \
+         the original", file.display()
+    )]
+    Checksum {
+        /// The capture.
+        file: PathBuf,
+        /// Path inside the file.
+        dataset: String,
+        /// First sample of the block that differs.
+        first: u64,
+        /// Its last sample.
+        last: u64,
+    },
+    /// What the file states about itself is not what was written.
+    #[error(
+        "{}: {object}: {problem}: damaged, or changed later; copy the file again or take the original (or remove \
+         /checksums and the attribute checksum of / to have it read unchecked)", file.display()
+    )]
+    Integrity {
+        /// The capture.
+        file: PathBuf,
+        /// Group, table or attribute.
+        object: String,
+        /// What does not fit.
+        problem: String,
+    },
     /// The HDF5 library failed while writing.
     #[error("{}: cannot write {object}", file.display())]
     Write {

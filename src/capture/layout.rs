@@ -2,6 +2,7 @@
 
 use super::channel_unit;
 use super::checks::{Checks, Chunks};
+use super::checksums;
 use super::convert::Conversion;
 use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
@@ -61,7 +62,7 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
         let known = |name: &str| described.iter().any(|channel| channel.info.name == name);
         machine.sensors.iter().map(|s| &s.channel).filter(|name| !known(name)).cloned().collect()
     });
-    let info = CaptureInfo {
+    let mut info = CaptureInfo {
         file: path.into(),
         file_bytes,
         format_stated: header.format_stated,
@@ -78,6 +79,9 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
         notes: left_open.into_iter().chain(note).collect(),
         options: None,
     };
+    let stated = header.checksum;
+    let (checks, file) = (&layout.checks, &layout.file);
+    let sources = checksums::attach(checks, file, stated, &mut info, &segments, sources)?;
     Ok(Opened { info, sources, segments })
 }
 
@@ -98,6 +102,8 @@ struct Header {
     start_time: Option<Timestamp>,
     machine: Option<String>,
     shaft_speed: Option<Hz>,
+    /// Of what the file states about itself.
+    checksum: Option<f64>,
     others: Vec<String>,
 }
 
@@ -112,7 +118,7 @@ type Attributes = BTreeMap<String, RootAttribute>;
 
 impl Layout<'_> {
     fn header(&self, attributes: &Attributes) -> Result<Header, CaptureError> {
-        const KNOWN: [&str; 7] = [
+        const KNOWN: [&str; 8] = [
             "format",
             "version",
             "start_time",
@@ -120,6 +126,7 @@ impl Layout<'_> {
             "shaft_speed_hz",
             RECORDING,
             "configuration",
+            checksums::STATEMENT,
         ];
         let format = self.root_text(attributes, "format")?;
         if let Some(text) = format.as_deref().filter(|text| *text != FORMAT) {
@@ -160,6 +167,7 @@ impl Layout<'_> {
             start_time: self.start_time(attributes)?,
             machine: self.root_text(attributes, "machine")?,
             shaft_speed: shaft_speed.map(Hz),
+            checksum: self.root_number(attributes, checksums::STATEMENT)?,
             others: others.cloned().collect(),
         })
     }

@@ -18,10 +18,13 @@ pub mod recording;
 
 mod open;
 mod hdf5; // the only folder that names the crate
+mod filters;
 mod root;
 mod checks;
 mod layout;
 mod dataset;
+mod integrity;
+mod checksums;
 mod rows;
 mod channel_unit;
 mod segments;

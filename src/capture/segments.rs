@@ -105,6 +105,11 @@ impl Segments {
         self.starts.len()
     }
 
+    /// (first sample, stream time in s) of each.
+    pub(super) fn listed(&self) -> impl Iterator<Item = (u64, f64)> + '_ {
+        self.starts.iter().copied().zip(self.times_s.iter().copied())
+    }
+
     pub(super) fn last_time_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(0.0)
     }

@@ -342,6 +342,59 @@ fn oversized_chunks_and_broken_segments_are_named() {
     assert!(refused(&path).contains("/segments/start_sample"));
 }
 
+/// A capture of 100 samples with a table of checksums and the attribute `checksum` as given.
+fn with_sums(sums: &[u32], samples: Option<u64>, statement: Option<u32>) -> String {
+    let (_folder, path) = one_channel(Some(10.0), |file| {
+        let group = file.group("checksums").unwrap();
+        let table = group.dataset("x", sums, NewStorage::default()).unwrap();
+        table.number("block_samples", 64_u64).unwrap();
+        if let Some(samples) = samples {
+            table.number("samples", samples).unwrap();
+        }
+        if let Some(statement) = statement {
+            file.number("checksum", statement).unwrap();
+        }
+    });
+    match CaptureReader::open(&path, None, &Hints::default()) {
+        Err(error) => error.to_string(),
+        Ok(mut reader) => loop {
+            match reader.next_block() {
+                Ok(Some(_)) => {}
+                Ok(None) => return "read".into(),
+                Err(error) => return error.to_string(),
+            }
+        },
+    }
+}
+
+#[test]
+fn checksums_that_do_not_fit_are_named() {
+    let bytes = [0.5_f32; 100].map(f32::to_le_bytes).concat();
+    let right = [crc32fast::hash(&bytes[..256]), crc32fast::hash(&bytes[256..])];
+    let contains = |text: String, word: &str| assert!(text.contains(word), "{word}: {text}");
+    contains(with_sums(&right, Some(99), Some(0)), "for 99 samples, and /channels/x has 100");
+    contains(with_sums(&right[..1], Some(100), Some(0)), "need another number");
+    contains(with_sums(&right, Some(100), None), "no attribute checksum");
+    contains(with_sums(&right, Some(100), Some(7)), "attributes or segments differ");
+    // Being recorded: complete blocks only, the rest unverified.
+    assert_eq!(with_sums(&right[..1], None, None), "read");
+    contains(with_sums(&right, None, None), "the channel has only 100");
+    contains(with_sums(&[7], None, None), "samples 0 to 63 differ from their checksum");
+    let missing = |group: Option<&str>| {
+        let (_folder, path) = one_channel(Some(10.0), |file| {
+            file.number("checksum", 7_u32).unwrap();
+            if let Some(table) = group {
+                let group = file.group("checksums").unwrap();
+                group.dataset(table, &right, NewStorage::default()).unwrap();
+            }
+        });
+        refused(&path)
+    };
+    contains(missing(None), "/checksums: missing");
+    contains(missing(Some("y")), "checksums/y: checksums of a channel that is missing");
+    contains(missing(Some("x")), "no attribute block_samples");
+}
+
 fn machine_with(sensors: Vec<Sensor>) -> Machine {
     Machine {
         id: "rig-1".into(),

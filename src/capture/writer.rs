@@ -1,11 +1,15 @@
 //! Writes finished captures: complete and durable under their name, or not there at all.
 
+use super::checksums;
 use super::error::{CaptureError, LibraryError};
 use super::hdf5::{NewFile, NewGroup, NewStorage};
+use super::integrity::{self, BLOCK_SAMPLES, ChannelFacts, Statement};
 use super::layout::{FORMAT, VERSION};
+use super::received::NumberType;
 use super::segments::Segments;
 use crate::signal::{SampleIndex, Timestamp};
 use crate::units::{Hz, SourceUnit};
+use std::collections::BTreeMap;
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
 
@@ -86,6 +90,35 @@ impl ChannelSamples<'_> {
             Self::I32 { counts, .. } => counts.len(),
         }
     }
+
+    fn number_type(self) -> NumberType {
+        match self {
+            Self::F32(_) => NumberType::F32,
+            Self::F64(_) => NumberType::F64,
+            Self::I16 { .. } => NumberType::I16,
+            Self::I32 { .. } => NumberType::I32,
+        }
+    }
+
+    /// (scale, offset) of counts.
+    fn calibration(self) -> Option<(f64, f64)> {
+        match self {
+            Self::F32(_) | Self::F64(_) => None,
+            Self::I16 { scale, offset, .. } | Self::I32 { scale, offset, .. } => {
+                Some((scale, offset))
+            }
+        }
+    }
+
+    /// Checksums of the raw samples.
+    fn sums(self) -> Vec<u32> {
+        match self {
+            Self::F32(samples) => integrity::sums(samples, BLOCK_SAMPLES),
+            Self::F64(samples) => integrity::sums(samples, BLOCK_SAMPLES),
+            Self::I16 { counts, .. } => integrity::sums(counts, BLOCK_SAMPLES),
+            Self::I32 { counts, .. } => integrity::sums(counts, BLOCK_SAMPLES),
+        }
+    }
 }
 
 /// A capture being written under a temporary name beside its own.
@@ -95,10 +128,28 @@ pub struct CaptureWriter {
     path: PathBuf,
     temporary: PathBuf,
     file: Option<NewFile>,
-    channels: Option<NewGroup>,
+    groups: Option<Groups>,
+    header: CaptureHeader,
+    /// By name.
+    written: BTreeMap<String, Written>,
+    segments: Option<Segments>,
     fastest: Hz,
     longest: u64,
     big_endian: bool,
+}
+
+/// What was written about a channel.
+struct Written {
+    header: ChannelHeader,
+    number_type: NumberType,
+    scale: f64,
+    offset: f64,
+}
+
+/// The groups that are filled channel by channel.
+struct Groups {
+    channels: NewGroup,
+    checksums: NewGroup,
 }
 
 impl std::fmt::Debug for CaptureWriter {
@@ -121,7 +172,10 @@ impl CaptureWriter {
             path: path.into(),
             temporary,
             file: None,
-            channels: None,
+            groups: None,
+            header: header.clone(),
+            written: BTreeMap::new(),
+            segments: None,
             fastest: Hz(0.0),
             longest: 0,
             big_endian: false,
@@ -135,7 +189,8 @@ impl CaptureWriter {
             file.text("start_time", &text.to_string()).map_err(failed)?;
         }
         let channels = file.group("channels").map_err(failed)?;
-        writer.channels = Some(channels);
+        let checksums = file.group(checksums::GROUP).map_err(failed)?;
+        writer.groups = Some(Groups { channels, checksums });
         writer.file = Some(file);
         Ok(writer)
     }
@@ -153,7 +208,7 @@ impl CaptureWriter {
     ) -> Result<(), CaptureError> {
         let object = format!("channels/{}", header.name);
         check(header, samples).map_err(|problem| self.content(&object, problem))?;
-        let Some(group) = &self.channels else {
+        let Some(groups) = &self.groups else {
             return Err(self.content(&object, "the capture is finished".into()));
         };
         let compressed = match header.storage {
@@ -161,8 +216,13 @@ impl CaptureWriter {
             ChannelStorage::Compressed { chunk_samples, level } => Some((chunk_samples, level)),
         };
         let storage = NewStorage { compressed, big_endian: self.big_endian };
-        write_channel(group, header, samples, storage)
+        write_channel(&groups.channels, header, samples, storage)
+            .and_then(|()| write_sums(&groups.checksums, &header.name, samples))
             .map_err(|source| self.write_error(&object, source))?;
+        let (scale, offset) = samples.calibration().unwrap_or((1.0, 0.0));
+        let number_type = samples.number_type();
+        let written = Written { header: header.clone(), number_type, scale, offset };
+        self.written.insert(header.name.clone(), written);
         let length = samples.len() as u64;
         if header.sample_rate > self.fastest {
             (self.fastest, self.longest) = (header.sample_rate, length);
@@ -188,7 +248,8 @@ impl CaptureWriter {
         let problem = |text| self.content("segments", text);
         let starts: Vec<i64> =
             starts.iter().map(|start| i64::try_from(start.0).unwrap_or(i64::MAX)).collect();
-        Segments::new(&starts, times_s.to_vec(), self.fastest, self.longest).map_err(problem)?;
+        let segments = Segments::new(&starts, times_s.to_vec(), self.fastest, self.longest)
+            .map_err(problem)?;
         let Some(file) = &self.file else {
             return Err(problem("the capture is finished".into()));
         };
@@ -198,7 +259,9 @@ impl CaptureWriter {
             group.dataset("start_sample", &starts, storage)?;
             group.dataset("time_s", times_s, storage).map(|_| ())
         };
-        write().map_err(|source| self.write_error("segments", source))
+        write().map_err(|source| self.write_error("segments", source))?;
+        self.segments = Some(segments);
+        Ok(())
     }
 
     /// Completes the file, waits until it is on the disk and gives it its name.
@@ -207,9 +270,11 @@ impl CaptureWriter {
     ///
     /// [`CaptureError::Write`] or [`CaptureError::Io`]; an older file of that name is then untouched.
     pub fn finish(mut self) -> Result<(), CaptureError> {
-        self.channels = None;
+        self.groups = None;
         if let Some(file) = self.file.take() {
-            file.close().map_err(|source| self.write_error("the file", source))?;
+            file.number(checksums::STATEMENT, self.statement())
+                .and_then(|()| file.close())
+                .map_err(|source| self.write_error("the file", source))?;
         }
         let io = |action| {
             let file = self.path.clone();
@@ -223,6 +288,26 @@ impl CaptureWriter {
             _ => Path::new("."),
         };
         sync(folder).map_err(io("flush its folder to the disk"))
+    }
+
+    /// The checksum of what the file states about itself.
+    fn statement(&self) -> u32 {
+        let CaptureHeader { start_time, machine, shaft_speed } = &self.header;
+        let mut statement =
+            Statement::new(Some(FORMAT), *start_time, machine.as_deref(), *shaft_speed);
+        for Written { header, number_type, scale, offset } in self.written.values() {
+            statement.channel(&ChannelFacts {
+                name: &header.name,
+                number_type: *number_type,
+                sample_rate: header.sample_rate,
+                unit: header.unit.as_deref(),
+                sensor: header.sensor.as_deref(),
+                scale: *scale,
+                offset: *offset,
+            });
+        }
+        statement.segments(self.segments.as_ref());
+        statement.sum()
     }
 
     /// Stores the samples most significant byte first, as foreign recorders do.
@@ -243,7 +328,7 @@ impl CaptureWriter {
 impl Drop for CaptureWriter {
     /// Removes the temporary file; after [`CaptureWriter::finish`] there is none.
     fn drop(&mut self) {
-        self.channels = None;
+        self.groups = None;
         if let Some(file) = self.file.take() {
             // Closing an abandoned file may fail; it is removed in either case.
             let _ = file.close();
@@ -275,14 +360,10 @@ fn check(header: &ChannelHeader, samples: ChannelSamples<'_>) -> Result<(), Stri
     if samples.len() == 0 {
         return Err("no samples".into());
     }
-    match samples {
-        ChannelSamples::F32(_) | ChannelSamples::F64(_) => Ok(()),
-        ChannelSamples::I16 { scale, offset, .. } | ChannelSamples::I32 { scale, offset, .. } => {
-            let usable = scale.is_finite() && scale.abs() > 0.0 && offset.is_finite();
-            let problem = || format!("scale {scale}, offset {offset}; finite numbers, scale not 0");
-            if usable { Ok(()) } else { Err(problem()) }
-        }
-    }
+    let (scale, offset) = samples.calibration().unwrap_or((1.0, 0.0));
+    let usable = scale.is_finite() && scale.abs() > 0.0 && offset.is_finite();
+    let problem = || format!("scale {scale}, offset {offset}; finite numbers, scale not 0");
+    if usable { Ok(()) } else { Err(problem()) }
 }
 
 fn write_channel(
@@ -292,15 +373,11 @@ fn write_channel(
     storage: NewStorage,
 ) -> Result<(), LibraryError> {
     let name = &header.name;
-    let (dataset, calibration) = match samples {
-        ChannelSamples::F32(samples) => (group.dataset(name, samples, storage)?, None),
-        ChannelSamples::F64(samples) => (group.dataset(name, samples, storage)?, None),
-        ChannelSamples::I16 { counts, scale, offset } => {
-            (group.dataset(name, counts, storage)?, Some((scale, offset)))
-        }
-        ChannelSamples::I32 { counts, scale, offset } => {
-            (group.dataset(name, counts, storage)?, Some((scale, offset)))
-        }
+    let dataset = match samples {
+        ChannelSamples::F32(samples) => group.dataset(name, samples, storage)?,
+        ChannelSamples::F64(samples) => group.dataset(name, samples, storage)?,
+        ChannelSamples::I16 { counts, .. } => group.dataset(name, counts, storage)?,
+        ChannelSamples::I32 { counts, .. } => group.dataset(name, counts, storage)?,
     };
     dataset.number("sample_rate_hz", header.sample_rate.0)?;
     if let Some(unit) = &header.unit {
@@ -309,9 +386,20 @@ fn write_channel(
     if let Some(sensor) = &header.sensor {
         dataset.text("sensor", sensor)?;
     }
-    if let Some((scale, offset)) = calibration {
+    if let Some((scale, offset)) = samples.calibration() {
         dataset.number("scale", scale)?;
         dataset.number("offset", offset)?;
     }
     Ok(())
+}
+
+/// The table of a finished channel's checksums.
+fn write_sums(
+    group: &NewGroup,
+    name: &str,
+    samples: ChannelSamples<'_>,
+) -> Result<(), LibraryError> {
+    let table = group.dataset(name, &samples.sums(), NewStorage::default())?;
+    table.number(checksums::BLOCK, BLOCK_SAMPLES)?;
+    table.number(checksums::SAMPLES, samples.len() as u64)
 }

@@ -8,6 +8,7 @@ mod swmr;
 pub(super) use swmr::{ElementType, RecordingFile};
 
 use super::error::LibraryError;
+use super::filters::ChunkFilter;
 use super::received::NumberType;
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -15,7 +16,7 @@ use std::path::Path;
 use std::sync::Once;
 
 pub(super) use ::hdf5::format;
-use ::hdf5::format::messages::{attribute::AttributeMessage, datatype::IeeeFormat, filter};
+use ::hdf5::format::messages::{attribute::AttributeMessage, datatype::IeeeFormat};
 use ::hdf5::{ByteOrder, DatatypeMessage, H5Dataset, H5File, H5Group, H5Type, LinkClass};
 use ::hdf5::{StorageLayout, VarLenUnicode};
 
@@ -169,7 +170,7 @@ impl File {
     ) -> Result<Option<Vec<(String, Entry)>>, LibraryError> {
         let root = self.inner.root_group();
         if !guarded(|| root.group_names())?.iter().any(|name| name == group) {
-            return Ok(None);
+            return self.no_group(group).map(|()| None);
         }
         guarded(|| {
             let group = root.group(group)?;
@@ -193,6 +194,20 @@ impl File {
             }
             Ok::<_, ::hdf5::Hdf5Error>(Some(entries))
         })
+    }
+
+    /// Tells a group that is not there from one that is linked and cannot be read: an error.
+    fn no_group(&self, group: &str) -> Result<(), LibraryError> {
+        let root = self.inner.root_group();
+        if let Some(message) = guarded(|| root.unreadable_reason(group))? {
+            return Err(LibraryError { message });
+        }
+        let among = |names: Vec<String>| names.iter().any(|name| name == group);
+        if among(guarded(|| root.link_names())?) && !among(guarded(|| root.dataset_names())?) {
+            let message = "the link leads to no group of this file".into();
+            return Err(LibraryError { message });
+        }
+        Ok(())
     }
 
     /// Text of a root attribute known to be a string.
@@ -230,7 +245,7 @@ pub(super) enum Storage {
     /// One run of bytes, or inside the header.
     Plain,
     /// Chunks of so many elements along each dimension, through these filters.
-    Chunked(Vec<usize>, Vec<u16>),
+    Chunked(Vec<usize>, Vec<ChunkFilter>),
     /// Made of other data sets or files: not read.
     Elsewhere(&'static str),
 }
@@ -266,7 +281,7 @@ impl Dataset {
                 }
                 StorageLayout::Contiguous | StorageLayout::Compact => Storage::Plain,
                 StorageLayout::Chunked => {
-                    let filters = self.inner.filters()?.iter().map(|filter| filter.id).collect();
+                    let filters = self.inner.filters()?.iter().map(ChunkFilter::new).collect();
                     Storage::Chunked(self.inner.chunk_dims().unwrap_or_default(), filters)
                 }
             })
@@ -306,42 +321,6 @@ impl Dataset {
     pub(super) fn floats(&self, count: usize) -> Result<Vec<f64>, LibraryError> {
         guarded(|| self.inner.read_numeric_slice_as::<f64>(&[0], &[count]))
     }
-}
-
-/// Names of the filters that can be read.
-const FILTERS: &[(u16, &str)] = &[
-    (filter::FILTER_DEFLATE, "gzip"),
-    (filter::FILTER_SHUFFLE, "shuffle"),
-    (filter::FILTER_FLETCHER32, "fletcher32"),
-    (filter::FILTER_SZIP, "szip"),
-    (filter::FILTER_NBIT, "nbit"),
-    (filter::FILTER_SCALEOFFSET, "scaleoffset"),
-    (filter::FILTER_BZIP2, "bzip2"),
-    (filter::FILTER_LZF, "lzf"),
-    (filter::FILTER_BLOSC, "blosc"),
-    (filter::FILTER_LZ4, "lz4"),
-    (filter::FILTER_BSHUF, "bitshuffle"),
-    (filter::FILTER_ZSTD, "zstd"),
-];
-
-/// Names of filters met in the field that cannot be read.
-const UNREADABLE_FILTERS: &[(u16, &str)] = &[
-    (filter::FILTER_ZFP, "zfp"),
-    (filter::FILTER_JPEG, "jpeg"),
-    (filter::FILTER_BITGROOM, "bitgroom"),
-    (filter::FILTER_BITROUND, "bitround"),
-    (filter::FILTER_BLOSC2, "blosc2"),
-];
-
-/// Gives a filter's name if it can be read, else its description as the error.
-pub(super) fn filter_name(id: u16) -> Result<&'static str, String> {
-    let find = |list: &'static [(u16, &'static str)]| {
-        list.iter().find(|(known, _)| *known == id).map(|(_, name)| *name)
-    };
-    find(FILTERS).ok_or_else(|| match find(UNREADABLE_FILTERS) {
-        Some(name) => format!("filter {name} (number {id})"),
-        None => format!("filter number {id}"),
-    })
 }
 
 /// A file being written; incomplete until [`NewFile::close`].
@@ -445,12 +424,5 @@ mod tests {
         assert!(error.to_string().contains("gave up: index out of bounds"), "{error}");
         assert!(!QUIET.get(), "other panics are reported as ever");
         assert_eq!(guarded(|| Ok::<u8, String>(7)).unwrap(), 7);
-    }
-
-    #[test]
-    fn filters_are_named() {
-        assert_eq!(filter_name(1), Ok("gzip"));
-        assert_eq!(filter_name(32013), Err("filter zfp (number 32013)".into()));
-        assert_eq!(filter_name(999), Err("filter number 999".into()));
     }
 }
