@@ -9,6 +9,7 @@
 pub mod error;
 pub mod hints;
 pub mod map;
+pub mod inventory;
 pub mod info;
 pub mod received;
 pub mod reader;
@@ -17,10 +18,19 @@ pub mod writer;
 mod open;
 mod hdf5; // the only file that names the crate
 mod root;
+mod links;
+mod objects;
 mod checks;
 mod layout;
+mod places;
+mod facts;
+mod times;
+mod mapped;
+mod suggest;
 mod dataset;
 mod rows;
+mod table;
+mod spelling;
 mod channel_unit;
 mod segments;
 mod convert;
@@ -28,3 +38,5 @@ mod stream;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod mapped_tests;

@@ -8,6 +8,8 @@ use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
 use crate::capture::error::CaptureError;
+use crate::capture::inventory::Inventory;
+use crate::capture::map::ChannelMap;
 use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;
 use crate::config;
@@ -32,6 +34,8 @@ Examples:
   rotorwatch check rig.toml run-7.h5 rotorwatch.toml
   rotorwatch check --frequencies rig.toml
   rotorwatch check --frequencies --speed 29.5 --resolution 0.5 rig.toml
+  rotorwatch check export.mat                        # what is inside, and the --map that reads it
+  rotorwatch check --map drive_x=/data,column=0,rate=@fs export.mat
 
 What a file is, its content decides: a capture is HDF5, a machine file has a table [machine], a
 configuration of the daemon [server], [pipeline], [[machine]] or [[source]]. Captures are read to
@@ -80,6 +84,8 @@ enum CheckError {
     Map(#[from] MapError),
     #[error(transparent)]
     Capture(#[from] CaptureError),
+    #[error("{}: not of rotorwatch's own layout: {why}; the --map options printed above read it", file.display())]
+    Foreign { file: PathBuf, why: String },
     #[error("{}: no speed is known to list lines at: give --speed HZ, or speed_hz of the first [[shaft]]", file.display())]
     NoSpeed { file: PathBuf },
 }
@@ -118,6 +124,7 @@ fn tell(error: &CheckError) {
         CheckError::Input(_)
         | CheckError::Map(_)
         | CheckError::Capture(_)
+        | CheckError::Foreign { .. }
         | CheckError::NoSpeed { .. } => {
             super::tell(error);
         }
@@ -134,12 +141,15 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
                 "{name}: machine file\n{}",
                 indented(&report::summary(&machine))
             ));
+            ChannelMap::of_table(&machine.capture_map, &name)?;
             lines(path, &machine, None, arguments, out)
         }
         FileKind::Configuration => {
             let config = config::load(path)?;
             out.push_str(&configuration(&name, &config));
             for entry in &config.machines {
+                let name = entry.file.display().to_string();
+                ChannelMap::of_table(&entry.machine.capture_map, &name)?;
                 lines(&entry.file, &entry.machine, None, arguments, out)?;
             }
             Ok(())
@@ -156,7 +166,15 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
 
 /// Reads a capture to its end, and the machine description inside it.
 fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), CheckError> {
-    let mut reader = CaptureReader::open(path, None, &arguments.hints.hints()?)?;
+    let mut reader = match CaptureReader::open(path, None, &arguments.hints.hints()?) {
+        Ok(reader) => reader,
+        Err(error) if arguments.hints.map.is_empty() && error.is_of_layout() => {
+            let inventory = Inventory::examine(path)?;
+            out.push_str(&inventory.to_string());
+            return Err(foreign(path, &inventory, error));
+        }
+        Err(error) => return Err(CheckError::Capture(error)),
+    };
     out.push_str(&reader.info().to_string());
     while reader.next_block()?.is_some() {}
     let told = reader.report();
@@ -173,6 +191,18 @@ fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result
     let machine = file::parse(text, &name)?;
     out.push_str(&indented(&report::summary(&machine)));
     lines(path, &machine, info.shaft_speed, arguments, out)
+}
+
+/// What to tell of a file of another layout, once its content is listed.
+fn foreign(path: &Path, inventory: &Inventory, error: CaptureError) -> CheckError {
+    if inventory.command().is_none() {
+        return CheckError::Capture(error);
+    }
+    let why = match error {
+        CaptureError::ForeignLayout { .. } => "no group /channels".to_owned(),
+        error => error.to_string(),
+    };
+    CheckError::Foreign { file: path.to_owned(), why }
 }
 
 /// Lists the machine's lines, if asked for.
