@@ -170,7 +170,9 @@ impl CaptureError {
     pub fn is_of_layout(&self) -> bool {
         match self {
             Self::ForeignLayout { .. } | Self::Dataset { .. } | Self::Empty { .. } => true,
-            Self::Attribute { attribute, .. } => attribute == "format" || attribute == "sample_rate_hz",
+            Self::Attribute { attribute, .. } => {
+                attribute == "format" || attribute == "sample_rate_hz"
+            }
             Self::Io { .. }
             | Self::NotHdf5 { .. }
             | Self::Truncated { .. }

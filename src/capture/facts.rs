@@ -29,8 +29,13 @@ pub(super) struct Facts {
 /// Reads the facts.
 pub(super) fn read(places: Places<'_>, map: &ChannelMap) -> Result<Facts, CaptureError> {
     const KNOWN: [&str; 3] = ["start_time", "machine", "shaft_speed_hz"];
-    let mut facts =
-        Facts { start_time: None, machine: None, shaft_speed: None, others: Vec::new(), notes: Vec::new() };
+    let mut facts = Facts {
+        start_time: None,
+        machine: None,
+        shaft_speed: None,
+        others: Vec::new(),
+        notes: Vec::new(),
+    };
     for name in root::attributes(places.checks.path)?.into_keys() {
         if !KNOWN.contains(&name.as_str()) {
             facts.others.push(name);
@@ -65,7 +70,9 @@ impl Facts {
                 self.machine = Some(text.clone());
                 return true;
             }
-            ("shaft_speed_hz", Attribute::Number(speed)) if (0.0..=MAX_SPEED_HZ).contains(speed) => {
+            ("shaft_speed_hz", Attribute::Number(speed))
+                if (0.0..=MAX_SPEED_HZ).contains(speed) =>
+            {
                 self.shaft_speed = Some(Hz(*speed));
                 return true;
             }
@@ -77,7 +84,8 @@ impl Facts {
 
 /// The place an entry of the whole recording names.
 fn place(entry: &MapEntry) -> Result<Place, Problem> {
-    Place::parse(&entry.path).ok_or_else(|| format!("{}; expected /path or /path@attribute", entry.path).into())
+    Place::parse(&entry.path)
+        .ok_or_else(|| format!("{}; expected /path or /path@attribute", entry.path).into())
 }
 
 fn shaft_speed(places: Places<'_>, entry: &MapEntry) -> Result<Hz, Problem> {

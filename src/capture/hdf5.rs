@@ -11,10 +11,10 @@ use std::path::Path;
 use std::sync::Once;
 
 pub(super) use ::hdf5::format;
-pub(super) use ::hdf5::{DatatypeMessage, H5Group, H5Type, Hdf5Error, LinkClass};
 pub(super) use ::hdf5::format::messages::datatype::IeeeFormat;
 use ::hdf5::format::messages::{attribute::AttributeMessage, filter};
 use ::hdf5::{ByteOrder, H5Dataset, H5File};
+pub(super) use ::hdf5::{DatatypeMessage, H5Group, H5Type, Hdf5Error, LinkClass};
 use ::hdf5::{StorageLayout, VarLenUnicode};
 
 thread_local! {

@@ -234,7 +234,10 @@ impl fmt::Display for Inventory {
         for remark in &self.suggestion.remarks {
             writeln!(f, "  {}", clean(remark))?;
         }
-        writeln!(f, "  what would read it as it is, RIG.toml being your machine file:\n\n{command}")?;
+        writeln!(
+            f,
+            "  what would read it as it is, RIG.toml being your machine file:\n\n{command}"
+        )?;
         writeln!(f, "\n  or in the machine file, once for all such files:\n\n[capture.map]")?;
         for (name, entry) in &self.suggestion.entries {
             writeln!(f, "{} = {}", toml_text(name), toml_text(entry))?;

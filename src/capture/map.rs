@@ -381,7 +381,10 @@ mod tests {
         assert_eq!(twice, "--map: x=/b: x is mapped twice; name each channel once");
         let table = BTreeMap::from([("x".to_owned(), "/a,hz=1".to_owned())]);
         let text = ChannelMap::of_table(&table, "rig.toml").unwrap_err().to_string();
-        assert!(text.starts_with("[capture.map] of rig.toml: x = \"/a,hz=1\": unknown option"), "{text}");
+        assert!(
+            text.starts_with("[capture.map] of rig.toml: x = \"/a,hz=1\": unknown option"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -391,7 +394,8 @@ mod tests {
             ("y".to_owned(), "/b".to_owned()),
         ]);
         let below = ChannelMap::of_table(&table, "rig.toml").unwrap();
-        let map = ChannelMap::of_options(&["x=/c", "@shaft_speed=/rpm,unit=rpm"]).unwrap().over(&below);
+        let map =
+            ChannelMap::of_options(&["x=/c", "@shaft_speed=/rpm,unit=rpm"]).unwrap().over(&below);
         let paths: Vec<_> = map.iter().map(|(name, entry)| (name, entry.path.as_str())).collect();
         assert_eq!(paths, [("@shaft_speed", "/rpm"), ("x", "/c"), ("y", "/b")]);
         assert_eq!(map.get("x").unwrap().rate, None);

@@ -199,7 +199,10 @@ impl Mapped<'_> {
             }
             return Ok((self.axes[&key].rate, Some(path.clone())));
         }
-        match dataset.attribute("sample_rate_hz").map_err(|e| self.places.checks.library(object, e))? {
+        match dataset
+            .attribute("sample_rate_hz")
+            .map_err(|e| self.places.checks.library(object, e))?
+        {
             Some(Attribute::Number(rate)) => return Ok((Hz(rate), None)),
             Some(other) => self.notes.push(format!(
                 "/{object}: attribute sample_rate_hz is {}, not a number: not used",
@@ -224,9 +227,10 @@ impl Mapped<'_> {
 
     /// Contiguous runs, if all channels share one vector of times; gaps in any other are refused.
     fn segments(&self, planned: &[Planned<'_>]) -> Result<Segments, CaptureError> {
-        let reference = planned.iter().map(|channel| channel.rate).fold(Hz(0.0), |a, b| {
-            if b > a { b } else { a }
-        });
+        let reference = planned
+            .iter()
+            .map(|channel| channel.rate)
+            .fold(Hz(0.0), |a, b| if b > a { b } else { a });
         let shared = planned.first().and_then(|first| {
             let key = (first.times.clone()?, first.strip.length);
             let alike = |c: &Planned<'_>| c.times == first.times && c.strip.length == key.1;
@@ -419,7 +423,9 @@ impl Mapped<'_> {
             return self.number(number, object).map(Some);
         }
         match dataset.attribute(name).map_err(|e| self.places.checks.library(object, e))? {
-            Some(Attribute::Number(value)) if value.is_finite() && !(name == "scale" && value.abs() < f64::MIN_POSITIVE) => {
+            Some(Attribute::Number(value))
+                if value.is_finite() && !(name == "scale" && value.abs() < f64::MIN_POSITIVE) =>
+            {
                 Ok(Some(value))
             }
             None => Ok(None),

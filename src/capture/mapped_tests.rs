@@ -78,7 +78,13 @@ fn read(
 }
 
 /// Writes a table at the root.
-fn put<T: H5Type>(file: &NewFile, name: &str, shape: &[usize], data: &[T], chunk: Option<&[usize]>) {
+fn put<T: H5Type>(
+    file: &NewFile,
+    name: &str,
+    shape: &[usize],
+    data: &[T],
+    chunk: Option<&[usize]>,
+) {
     let mut builder = file.inner.new_dataset::<T>().shape(shape);
     if let Some(chunk) = chunk {
         builder = builder.chunk(chunk).shuffle_deflate(1);
@@ -176,7 +182,8 @@ fn what_the_file_says_is_found_where_the_map_says() {
     assert!((rate("a=/x,interval=/@dt") - 4000.0).abs() < 1e-9);
     assert!((rate("a=/x,rate=/@fs_text") - 500.0).abs() < 1e-9);
     assert!((rate("a=/short/x,rate=/short@fs") - 125.0).abs() < 1e-9);
-    let options = ["a=/x,rate=/fs,unit=g,scale=2,offset=1", "b=/deep/er/x,rate=9,unit=/deep/er@unit"];
+    let options =
+        ["a=/x,rate=/fs,unit=g,scale=2,offset=1", "b=/deep/er/x,rate=9,unit=/deep/er@unit"];
     let facts = ["@shaft_speed=/rpm,unit=rpm", "@start_time=/@start"];
     let (_, _, reader) = file.read(&[&options[..], &facts[..]].concat());
     let info = reader.info();
@@ -218,6 +225,7 @@ fn refusals_name_entry_finding_and_remedy() {
         put(file, "data", &[N, C], &table(true, f32::from), None);
         put(file, "cube", &[4, 4, 4], &[0.0_f32; 64], None);
         put(file, "fault", &[1], &[3.0_f64], None);
+        put(file, "one", &[1], &[3.0_f64], None);
         put(file, "none", &[0], &[0.0_f64; 0], None);
         file.number("label", 3.0_f64).unwrap();
         file.group("truth").unwrap();
@@ -243,7 +251,7 @@ fn refusals_name_entry_finding_and_remedy() {
         ("a=/way,rate=1", "/truth is never read"),
         ("a=/ring,rate=1", "circle"),
         ("a=/out,rate=1", "out of this file"),
-        ("@shaft_speed=/data", "no entry names a channel"),
+        ("@shaft_speed=/one", "no entry names a channel"),
     ] {
         let text = file.refused(option);
         assert!(text.contains(words), "{option}: {text}");
@@ -297,7 +305,13 @@ fn an_inventory_lists_and_suggests_what_then_reads() {
         ]
     );
     let text = inventory.to_string();
-    for words in ["/data: float32, 3 × 5000, contiguous\n", "/Fs: float64, 1 × 1, contiguous = 2000", "@fault_size: not read", "/label: float64, 1, contiguous\n", "'data=/my run/data,"] {
+    for words in [
+        "/data: float32, 3 × 5000, contiguous\n",
+        "/Fs: float64, 1 × 1, contiguous = 2000",
+        "@fault_size: not read",
+        "/label: float64, 1, contiguous\n",
+        "'data=/my run/data,",
+    ] {
         assert!(text.contains(words), "{words} not in\n{text}");
     }
     assert!(!text.contains("0.7"), "{text}");

@@ -34,11 +34,7 @@ pub(super) fn open(
 ///
 /// A map of the caller always holds; one of the machine file only for a file that is not of our
 /// layout, since a machine's captures may come from several recorders.
-fn hdf5(
-    path: &Path,
-    machine: Option<&Machine>,
-    hints: &Hints,
-) -> Result<Opened, CaptureError> {
+fn hdf5(path: &Path, machine: Option<&Machine>, hints: &Hints) -> Result<Opened, CaptureError> {
     let file_bytes = std::fs::metadata(path)
         .map_err(|source| CaptureError::Io { file: path.into(), action: "open it", source })?
         .len();

@@ -217,7 +217,8 @@ impl Places<'_> {
 
 /// Object of a place.
 fn target<'a>(place: &'a Place, own: Option<&'a str>) -> Result<&'a str, Problem> {
-    let none = || Problem::Words("@attribute alone has no data set here; use /path@attribute".into());
+    let none =
+        || Problem::Words("@attribute alone has no data set here; use /path@attribute".into());
     place.path.as_deref().or(own).ok_or_else(none)
 }
 

@@ -10,9 +10,8 @@ pub(super) fn unit(text: &str) -> Option<&'static str> {
     }
     let lower = text.to_lowercase().replace(['(', ')', '[', ']', ' '], "");
     Some(match lower.as_str() {
-        "m/s²" | "m/s2" | "m/s^2" | "m/s**2" | "m/s/s" | "ms-2" | "m·s-2" | "m*s^-2" | "m/sec^2" => {
-            "m/s^2"
-        }
+        "m/s²" | "m/s2" | "m/s^2" | "m/s**2" | "m/s/s" | "ms-2" | "m·s-2" | "m*s^-2"
+        | "m/sec^2" => "m/s^2",
         "g" | "gn" | "g's" | "gs" | "g-force" | "gees" | "g_n" => "g",
         "mm/s" | "mm/sec" | "mms-1" => "mm/s",
         "in/s" | "in/sec" | "ips" | "inch/s" => "in/s",

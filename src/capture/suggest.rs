@@ -119,7 +119,8 @@ pub(super) fn of(objects: &[Object]) -> Suggestion {
     }
     if unrated {
         found.remarks.push(
-            "no sample rate was found: put the samples a second in place of HZ in rate=HZ".to_owned(),
+            "no sample rate was found: put the samples a second in place of HZ in rate=HZ"
+                .to_owned(),
         );
     }
     if !found.entries.is_empty() {
@@ -281,7 +282,8 @@ fn unique(names: &mut BTreeSet<String>, path: &str, suffix: &str) -> String {
     let short = leaf(path).chars().map(keep).take(100).collect::<String>();
     let long = path.chars().map(keep).take(100).collect::<String>();
     let numbered = (2..).map(|n: u32| format!("{long}{suffix}_{n}"));
-    let mut tries = [format!("{short}{suffix}"), format!("{long}{suffix}")].into_iter().chain(numbered);
+    let mut tries =
+        [format!("{short}{suffix}"), format!("{long}{suffix}")].into_iter().chain(numbered);
     let is_name = |name: &String| !name.is_empty() && name != "." && name != "..";
     let name = tries.find(|name| is_name(name) && !names.contains(name)).unwrap_or_default();
     names.insert(name.clone());

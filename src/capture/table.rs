@@ -43,7 +43,9 @@ impl Strip {
         };
         match (shape, column, row) {
             ([_], None | Some(0), None | Some(0)) => Ok(strip(0, 0)),
-            ([n], ..) => Err(format!("a column or row of {n} numbers in one dimension; leave it out")),
+            ([n], ..) => {
+                Err(format!("a column or row of {n} numbers in one dimension; leave it out"))
+            }
             ([rows, _], _, Some(at)) if at < *rows => Ok(strip(1, at)),
             ([rows, _], _, Some(at)) => Err(outside("row", at, *rows)),
             ([rows, columns], Some(at), None) => {
@@ -195,7 +197,10 @@ mod tests {
             wrong(&[3, 9], None, None),
             "the shape is 3 × 9, 3 channels; add column=K, K from 0 to 2"
         );
-        assert_eq!(wrong(&[9, 3], Some(3), None), "column=3, but the shape is 9 × 3: column is 0 to 2");
+        assert_eq!(
+            wrong(&[9, 3], Some(3), None),
+            "column=3, but the shape is 9 × 3: column is 0 to 2"
+        );
         assert_eq!(wrong(&[3, 9], None, Some(5)), "row=5, but the shape is 3 × 9: row is 0 to 2");
         assert!(wrong(&[9], Some(1), None).contains("leave it out"));
         assert!(wrong(&[2, 2, 2], Some(1), None).contains("one or two dimensions"));

@@ -40,7 +40,9 @@ impl TimeAxis {
         let library = |e| places.checks.library(path, e);
         let number = match dataset.element().map_err(library)? {
             Element::Number(number) => number,
-            Element::Text => return Err(format!("time={path} holds texts; expected seconds").into()),
+            Element::Text => {
+                return Err(format!("time={path} holds texts; expected seconds").into());
+            }
             Element::Other(what) => {
                 return Err(format!("time={path} holds {what}; expected seconds").into());
             }
