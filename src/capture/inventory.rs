@@ -7,7 +7,7 @@ use super::checks::{Checks, Chunks};
 use super::error::CaptureError;
 use super::hdf5::{Attribute, File};
 use super::objects::{self, Element, Found};
-use super::places::{Places, Problem};
+use super::places::Places;
 use super::root::{self, RootAttribute};
 use super::suggest::{self, Suggestion};
 use super::table;
@@ -203,10 +203,7 @@ impl Walk<'_> {
         };
         let is_short = shape.iter().all(|&extent| extent == 1) || dataset.matlab_class() == "char";
         let value = (is_short && !objects::is_label(name))
-            .then(|| match self.places.value(&dataset, path) {
-                Ok(value) => Some(value),
-                Err(Problem::Words(_) | Problem::Whole(_)) => None,
-            })
+            .then(|| self.places.value(&dataset, path).ok())
             .flatten();
         let kind = Kind::Dataset { element, shape, storage, value };
         Object { path: path.into(), kind, attributes }

@@ -395,17 +395,17 @@ impl Mapped<'_> {
             None => {}
         }
         for name in ["unit", "units"] {
-            match dataset.attribute(name).map_err(|e| self.places.checks.library(object, e))? {
-                Some(Attribute::Text(text)) => match known(&text) {
-                    Some(unit) => return Ok(Some(unit)),
-                    None if text.trim().is_empty() => {}
-                    None => self.notes.push(format!(
-                        "/{object}: attribute {name} is {}, none of {}: not used",
-                        Attribute::Text(text).describe(),
-                        accepted()
-                    )),
-                },
-                Some(_) | None => {}
+            let found = dataset.attribute(name);
+            let found = found.map_err(|e| self.places.checks.library(object, e))?;
+            let Some(Attribute::Text(text)) = found else { continue };
+            match known(&text) {
+                Some(unit) => return Ok(Some(unit)),
+                None if text.trim().is_empty() => {}
+                None => self.notes.push(format!(
+                    "/{object}: attribute {name} is {}, none of {}: not used",
+                    Attribute::Text(text).describe(),
+                    accepted()
+                )),
             }
         }
         Ok(self.hints.unit.clone())
