@@ -198,9 +198,10 @@ fn foreign(path: &Path, inventory: &Inventory, error: CaptureError) -> CheckErro
     if inventory.command().is_none() {
         return CheckError::Capture(error);
     }
-    let why = match error {
-        CaptureError::ForeignLayout { .. } => "no group /channels".to_owned(),
-        error => error.to_string(),
+    let why = if matches!(error, CaptureError::ForeignLayout { .. }) {
+        "no group /channels".to_owned()
+    } else {
+        error.to_string()
     };
     CheckError::Foreign { file: path.to_owned(), why }
 }
