@@ -90,6 +90,60 @@ impl Checks<'_> {
         element_bytes: usize,
         chunks: &mut Chunks,
     ) -> Result<(u64, String), CaptureError> {
+        let (chunk_dims, text) = self.stored(dataset, path, length, element_bytes)?;
+        let Some(chunk_dims) = chunk_dims else { return Ok((1, text)) };
+        let &[chunk @ 1..=u64::MAX] = &chunk_dims[..] else {
+            return Err(self.dataset_error(
+                path,
+                &format!("chunks of {chunk_dims:?}"),
+                "one dimension",
+            ));
+        };
+        self.add_chunks(
+            path,
+            length.div_ceil(chunk),
+            chunk.saturating_mul(element_bytes as u64),
+            chunks,
+        )?;
+        Ok((chunk, text))
+    }
+
+    /// The same for a data set of any number of dimensions of which `slab[d]` elements along
+    /// dimension d are held at once at least, each as `held_bytes`; gives the elements of a chunk
+    /// along each dimension.
+    pub(super) fn box_storage(
+        &self,
+        dataset: &Dataset,
+        path: &str,
+        (element_bytes, held_bytes): (usize, usize),
+        slab: &[u64],
+        chunks: &mut Chunks,
+    ) -> Result<(Option<Vec<u64>>, String), CaptureError> {
+        let shape: Vec<u64> = dataset.shape().iter().map(|&extent| extent as u64).collect();
+        let elements = product(&shape);
+        let (chunk_dims, text) = self.stored(dataset, path, elements, element_bytes)?;
+        let Some(chunk_dims) = chunk_dims else { return Ok((None, text)) };
+        if chunk_dims.len() != shape.len() || chunk_dims.contains(&0) {
+            let found = format!("chunks of {chunk_dims:?}");
+            return Err(self.dataset_error(path, &found, "as many dimensions as the data set"));
+        }
+        let per_axis = |(&extent, &chunk): (&u64, &u64)| extent.div_ceil(chunk);
+        let count: Vec<u64> = shape.iter().zip(&chunk_dims).map(per_axis).collect();
+        let held: Vec<u64> = chunk_dims.iter().zip(slab).map(|(&c, &s)| c.max(s)).collect();
+        let bytes = product(&held).saturating_mul(element_bytes.max(held_bytes) as u64);
+        self.add_chunks(path, product(&count), bytes, chunks)?;
+        Ok((Some(chunk_dims), text))
+    }
+
+    /// Checks size and filters; gives the elements of a chunk along each dimension, `None` if not
+    /// chunked, and a text.
+    fn stored(
+        &self,
+        dataset: &Dataset,
+        path: &str,
+        length: u64,
+        element_bytes: usize,
+    ) -> Result<(Option<Vec<u64>>, String), CaptureError> {
         let bytes = length.saturating_mul(element_bytes as u64);
         let holds = format!("at most what {} bytes of file can hold", self.file_bytes);
         let too_long = |this: &Self| {
@@ -100,27 +154,14 @@ impl Checks<'_> {
                 return Err(self.dataset_error(path, what, "data in this file"));
             }
             Storage::Plain if bytes > self.file_bytes => return Err(too_long(self)),
-            Storage::Plain => return Ok((1, "contiguous".into())),
+            Storage::Plain => return Ok((None, "contiguous".into())),
             Storage::Chunked(chunk_dims, filters) => (chunk_dims, filters),
-        };
-        let &[chunk @ 1..=usize::MAX] = &chunk_dims[..] else {
-            return Err(self.dataset_error(
-                path,
-                &format!("chunks of {chunk_dims:?}"),
-                "one dimension",
-            ));
         };
         if bytes > SMALL_BYTES.max(self.file_bytes.saturating_mul(EXPANSION_MAX)) {
             return Err(too_long(self));
         }
-        let chunk = chunk as u64;
-        self.add_chunks(
-            path,
-            length.div_ceil(chunk),
-            chunk.saturating_mul(element_bytes as u64),
-            chunks,
-        )?;
-        let mut text = format!("chunks of {chunk}");
+        let of: Vec<String> = chunk_dims.iter().map(ToString::to_string).collect();
+        let mut text = format!("chunks of {}", of.join(" × "));
         for id in filters {
             let name = filters::filter_name(id).map_err(|found| {
                 let expected = "gzip, shuffle, fletcher32, lzf, zstd or another filter of docs/hdf5.md; h5repack converts";
@@ -128,7 +169,7 @@ impl Checks<'_> {
             })?;
             text = format!("{text}, {name}");
         }
-        Ok((chunk, text))
+        Ok((Some(chunk_dims.iter().map(|&extent| extent as u64).collect()), text))
     }
 
     pub(super) fn number(
@@ -196,4 +237,8 @@ impl Checks<'_> {
     pub(super) fn library(&self, object: &str, source: LibraryError) -> CaptureError {
         CaptureError::Library { file: self.path.into(), object: object.into(), source }
     }
+}
+
+fn product(extents: &[u64]) -> u64 {
+    extents.iter().fold(1, |product, &extent| product.saturating_mul(extent))
 }

@@ -77,13 +77,26 @@ pub enum CaptureError {
     /// An HDF5 file of another layout.
     #[error(
         "{}: no group /channels in this HDF5 file (it holds {found}); one data set per channel under /channels with \
-         the attribute sample_rate_hz makes it a capture (docs/hdf5.md)", file.display()
+         the attribute sample_rate_hz makes it a capture (docs/hdf5.md); `rotorwatch check {}` prints the --map options \
+         that read it as it is", file.display(), file.display()
     )]
     ForeignLayout {
         /// The file.
         file: PathBuf,
         /// Names in the root group.
         found: String,
+    },
+    /// A `--map` or `[capture.map]` that does not fit the file.
+    #[error("{}: {origin}: {entry}: {problem}", file.display())]
+    Mapped {
+        /// The file.
+        file: PathBuf,
+        /// Who says so: `--map` or `[capture.map]`.
+        origin: String,
+        /// The channel, or `@…`.
+        entry: String,
+        /// What is wrong, and what to do.
+        problem: String,
     },
     /// A capture without a single sample.
     #[error("{}: empty: {found}; record at least one channel under /channels", file.display())]
@@ -208,4 +221,31 @@ pub enum CaptureError {
         /// What is wrong with it.
         problem: String,
     },
+}
+
+impl CaptureError {
+    /// Whether the file may be of another layout, which a map could read.
+    #[must_use]
+    pub fn is_of_layout(&self) -> bool {
+        match self {
+            Self::ForeignLayout { .. } | Self::Dataset { .. } | Self::Empty { .. } => true,
+            Self::Attribute { attribute, .. } => {
+                attribute == "format" || attribute == "sample_rate_hz"
+            }
+            Self::Io { .. }
+            | Self::NotHdf5 { .. }
+            | Self::Truncated { .. }
+            | Self::Foreign { .. }
+            | Self::Line { .. }
+            | Self::Table { .. }
+            | Self::Checksum { .. }
+            | Self::Integrity { .. }
+            | Self::Mapped { .. }
+            | Self::Limit { .. }
+            | Self::Library { .. }
+            | Self::Short { .. }
+            | Self::Write { .. }
+            | Self::Content { .. } => false,
+        }
+    }
 }

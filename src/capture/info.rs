@@ -15,6 +15,8 @@ pub struct CaptureInfo {
     pub file_bytes: u64,
     /// Whether it carries `format = "rotorwatch-capture"`; accepted without, if the layout is right.
     pub format_stated: bool,
+    /// Whether a map says where its channels stand, not our layout.
+    pub is_mapped: bool,
     /// UTC time of stream time 0.
     pub start_time: Option<Timestamp>,
     /// The machine file's text.
@@ -92,7 +94,7 @@ impl CaptureInfo {
     #[must_use]
     pub fn missing(&self) -> Vec<String> {
         let mut missing = Vec::new();
-        if !self.format_stated && self.kind == CaptureKind::Hdf5 {
+        if !self.format_stated && !self.is_mapped && self.kind == CaptureKind::Hdf5 {
             missing.push("format: no attribute, accepted by its layout".to_owned());
         }
         if self.machine.is_none() {
@@ -159,6 +161,9 @@ impl fmt::Display for CaptureInfo {
         }
         if !self.ignored.is_empty() {
             writeln!(f, "  not channels, ignored: {}", self.ignored.join(", "))?;
+        }
+        for note in &self.notes {
+            writeln!(f, "  note: {note}")?;
         }
         for line in self.missing() {
             writeln!(f, "  missing {line}")?;

@@ -7,6 +7,7 @@ use super::convert::Conversion;
 use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
 use super::hdf5::{Attribute, Dataset, Entry, File};
+use super::hints::Hints;
 use super::info::{CaptureInfo, CaptureKind, ChannelDescription};
 use super::open::Opened;
 use super::received::NumberType;
@@ -18,7 +19,6 @@ use crate::machine::Machine;
 use crate::signal::{ChannelIndex, ChannelInfo, Timestamp};
 use crate::units::Hz;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Value of the root attribute `format`.
 pub(super) const FORMAT: &str = "rotorwatch-capture";
@@ -30,42 +30,42 @@ pub(super) const VERSION: u32 = 1;
 const RECORDING: &str = "recording";
 
 /// Channels of a capture at most.
-const CHANNELS_MAX: usize = 1024;
+pub(super) const CHANNELS_MAX: usize = 1024;
 
 /// Segments of a capture at most.
 const SEGMENTS_MAX: usize = 1_000_000;
 
 /// Shaft speeds that make sense, Hz: up to this, as in machine files.
-const MAX_SPEED_HZ: f64 = 10_000.0;
+pub(super) const MAX_SPEED_HZ: f64 = 10_000.0;
 
 /// Sample rates that make sense, Hz.
-const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
+pub(super) const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
 
-/// Opens and checks everything but the samples.
-pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, CaptureError> {
-    let file_bytes = std::fs::metadata(path)
-        .map_err(|source| CaptureError::Io { file: path.into(), action: "open it", source })?
-        .len();
+/// Opens and checks everything but the samples; `notes`: what is to be told beside.
+pub(super) fn open(
+    checks: &Checks<'_>,
+    file: &File,
+    machine: Option<&Machine>,
+    hints: &Hints,
+    notes: Vec<String>,
+) -> Result<Opened, CaptureError> {
+    let path = checks.path;
     let attributes = root::attributes(path)?;
-    let file = File::open(path).map_err(|source| CaptureError::Library {
-        file: path.into(),
-        object: "the file".into(),
-        source,
-    })?;
-    let layout = Layout { checks: Checks { path, file_bytes }, file, machine };
+    let layout = Layout { checks, file, machine, hints };
+    if !attributes.contains_key("format") || !is_ours(checks, file, &attributes)? {
+        layout.entries()?; // A foreign file is told so, not what its attributes should be.
+    }
     let header = layout.header(&attributes)?;
     let (described, sources, ignored) = layout.channels()?;
     let is_recording = attributes.contains_key(RECORDING);
     let (segments, listed, note) = layout.segments(&sources, is_recording)?;
     let left_open = repair::is_flagged(path).then(|| repair::LEFT_OPEN.to_owned());
-    let absent_channels = machine.map_or_else(Vec::new, |machine| {
-        let known = |name: &str| described.iter().any(|channel| channel.info.name == name);
-        machine.sensors.iter().map(|s| &s.channel).filter(|name| !known(name)).cloned().collect()
-    });
+    let absent_channels = absent_channels(machine, &described);
     let mut info = CaptureInfo {
         file: path.into(),
-        file_bytes,
+        file_bytes: checks.file_bytes,
         format_stated: header.format_stated,
+        is_mapped: false,
         start_time: header.start_time,
         machine: header.machine,
         shaft_speed: header.shaft_speed,
@@ -76,7 +76,7 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
         ignored,
         absent_channels,
         kind: CaptureKind::Hdf5,
-        notes: left_open.into_iter().chain(note).collect(),
+        notes: left_open.into_iter().chain(note).chain(notes).collect(),
         options: None,
     };
     let stated = header.checksum;
@@ -85,8 +85,45 @@ pub(super) fn open(path: &Path, machine: Option<&Machine>) -> Result<Opened, Cap
     Ok(Opened { info, sources, segments })
 }
 
+/// Whether the file states our format, or a data set under `/channels` states `sample_rate_hz`.
+pub(super) fn is_ours(
+    checks: &Checks<'_>,
+    file: &File,
+    attributes: &Attributes,
+) -> Result<bool, CaptureError> {
+    if attributes.get("format") == Some(&RootAttribute::Text)
+        && file.root_text("format").is_ok_and(|format| format == FORMAT)
+    {
+        return Ok(true);
+    }
+    let entries = file.entries("channels").map_err(|e| checks.library("/channels", e))?;
+    let is_channel = |(name, entry): &(String, Entry)| {
+        let dataset = (*entry == Entry::Dataset).then(|| file.dataset(&path_of(name)));
+        let rate = dataset.and_then(Result::ok).map(|dataset| dataset.attribute("sample_rate_hz"));
+        matches!(rate, Some(Ok(Some(_))))
+    };
+    Ok(entries.is_some_and(|entries| entries.iter().any(is_channel)))
+}
+
+/// Channels that sensors of the machine name and the file lacks.
+pub(super) fn absent_channels(
+    machine: Option<&Machine>,
+    described: &[ChannelDescription],
+) -> Vec<String> {
+    let known = |name: &str| described.iter().any(|channel| channel.info.name == name);
+    let named = machine.into_iter().flat_map(|machine| &machine.sensors);
+    named.map(|sensor| &sensor.channel).filter(|name| !known(name)).cloned().collect()
+}
+
+/// Reads an RFC 3339 time.
+pub(super) fn start_time_of(text: &str) -> Option<Timestamp> {
+    let text = text.trim();
+    let instant: jiff::Timestamp = text.parse().ok()?;
+    i64::try_from(instant.as_nanosecond()).ok().map(Timestamp)
+}
+
 /// End of the last segment of the longest channel, s.
-fn duration_s(channels: &[ChannelDescription], segments: &Segments) -> f64 {
+pub(super) fn duration_s(channels: &[ChannelDescription], segments: &Segments) -> f64 {
     let last = u32::try_from(segments.len().saturating_sub(1)).unwrap_or(u32::MAX);
     let end_s = |channel: &ChannelDescription| {
         let rate = channel.info.sample_rate;
@@ -109,12 +146,14 @@ struct Header {
 
 /// The file under examination, and what its channels add up to.
 struct Layout<'a> {
-    checks: Checks<'a>,
-    file: File,
+    checks: &'a Checks<'a>,
+    file: &'a File,
     machine: Option<&'a Machine>,
+    hints: &'a Hints,
 }
 
-type Attributes = BTreeMap<String, RootAttribute>;
+/// Root attributes by name.
+pub(super) type Attributes = BTreeMap<String, RootAttribute>;
 
 impl Layout<'_> {
     fn header(&self, attributes: &Attributes) -> Result<Header, CaptureError> {
@@ -174,9 +213,8 @@ impl Layout<'_> {
 
     fn start_time(&self, attributes: &Attributes) -> Result<Option<Timestamp>, CaptureError> {
         let Some(text) = self.root_text(attributes, "start_time")? else { return Ok(None) };
-        let instant: Option<jiff::Timestamp> = text.trim().parse().ok();
-        match instant.and_then(|instant| i64::try_from(instant.as_nanosecond()).ok()) {
-            Some(nanoseconds) => Ok(Some(Timestamp(nanoseconds))),
+        match start_time_of(&text) {
+            Some(time) => Ok(Some(time)),
             None => {
                 let expected = "an RFC 3339 time such as 2026-03-01T12:00:00Z".into();
                 let found = Attribute::Text(text).describe();
@@ -219,17 +257,23 @@ impl Layout<'_> {
         }
     }
 
+    /// Names and kinds under `/channels`.
+    fn entries(&self) -> Result<Vec<(String, Entry)>, CaptureError> {
+        let library = |e| self.checks.library("/channels", e);
+        if let Some(entries) = self.file.entries("channels").map_err(library)? {
+            return Ok(entries);
+        }
+        let mut names = self.file.root_names().map_err(library)?;
+        names.truncate(20);
+        let found = if names.is_empty() { "nothing".into() } else { names.join(", ") };
+        Err(CaptureError::ForeignLayout { file: self.checks.path.into(), found })
+    }
+
     #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]
     fn channels(
         &self,
     ) -> Result<(Vec<ChannelDescription>, Vec<Source>, Vec<String>), CaptureError> {
-        let library = |e| self.checks.library("/channels", e);
-        let Some(entries) = self.file.entries("channels").map_err(library)? else {
-            let mut names = self.file.root_names().map_err(library)?;
-            names.truncate(20);
-            let found = if names.is_empty() { "nothing".into() } else { names.join(", ") };
-            return Err(CaptureError::ForeignLayout { file: self.checks.path.into(), found });
-        };
+        let entries = self.entries()?;
         if entries.len() > CHANNELS_MAX {
             let what = "/channels: number of channels".into();
             let remedy = "split the capture";
@@ -286,7 +330,7 @@ impl Layout<'_> {
         let (chunk, storage) =
             self.checks.storage(&dataset, &path, n_samples, kind.bytes(), chunks)?;
         let rate = self.sample_rate(&dataset, &path)?;
-        let unit_text = self.checks.text(&dataset, &path, "unit")?;
+        let unit_text = self.checks.text(&dataset, &path, "unit")?.or(self.hints.unit.clone());
         let sensor_of = |machine: &'_ Machine| {
             machine.sensors.iter().find(|sensor| sensor.channel == name).cloned()
         };
@@ -330,10 +374,14 @@ impl Layout<'_> {
 
     fn sample_rate(&self, dataset: &Dataset, path: &str) -> Result<Hz, CaptureError> {
         let (low, high) = RATE_RANGE_HZ;
-        let expected = format!("samples a second, a number from {low} to {high}");
-        match self.checks.number(dataset, path, "sample_rate_hz", &expected)? {
-            Some(rate) if (low..=high).contains(&rate) => Ok(Hz(rate)),
-            found => {
+        let expected = format!(
+            "samples a second, a number from {low} to {high}; --rate HZ or a --map gives what the file lacks \
+             (`rotorwatch check` prints one)"
+        );
+        match (self.checks.number(dataset, path, "sample_rate_hz", &expected)?, self.hints.rate) {
+            (Some(rate), _) if (low..=high).contains(&rate) => Ok(Hz(rate)),
+            (None, Some(rate)) => Ok(rate),
+            (found, _) => {
                 let found = found.map_or("none".into(), |rate| rate.to_string());
                 Err(self.checks.attribute_error(path, "sample_rate_hz", found, expected))
             }

@@ -128,6 +128,14 @@ impl ChannelMap {
         Ok(map)
     }
 
+    /// This map, and what `below` says of names this one does not have.
+    #[must_use]
+    pub fn over(&self, below: &Self) -> Self {
+        let mut entries = below.entries.clone();
+        entries.extend(self.entries.clone());
+        Self { entries }
+    }
+
     /// Whether it says nothing.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -158,6 +166,9 @@ impl ChannelMap {
             return Err(format!("{name}; of names with @ there are {SHAFT_SPEED}, {START_TIME}"));
         }
         let entry = MapEntry::parse(value, origin)?;
+        if name.starts_with('@') {
+            entry.check_fact(name)?;
+        }
         match self.entries.entry(name.to_owned()) {
             Entry::Vacant(place) => {
                 place.insert(entry);
@@ -175,18 +186,7 @@ impl MapEntry {
         if !path.starts_with('/') {
             return Err(format!("path {path:?}; a path begins with /"));
         }
-        let mut entry = Self {
-            origin: origin.to_owned(),
-            path: path.to_owned(),
-            column: None,
-            row: None,
-            rate: None,
-            interval: None,
-            time: None,
-            unit: None,
-            scale: None,
-            offset: None,
-        };
+        let mut entry = Self::at(path, origin);
         for part in parts {
             let (key, value) =
                 part.split_once('=').ok_or_else(|| format!("{part:?}; options are {OPTIONS}"))?;
@@ -200,6 +200,38 @@ impl MapEntry {
             return Err("more than one of rate, interval and time; give one of them".to_owned());
         }
         Ok(entry)
+    }
+
+    /// Refuses what an entry of the whole recording cannot have.
+    fn check_fact(&self, name: &str) -> Result<(), String> {
+        if Place::parse(&self.path).is_none() {
+            return Err(format!("{}; expected /path or /path@attribute", self.path));
+        }
+        let unit_alone = Self {
+            unit: if name == SHAFT_SPEED { self.unit.clone() } else { None },
+            ..Self::at(&self.path, &self.origin)
+        };
+        if *self == unit_alone {
+            return Ok(());
+        }
+        let allowed = if name == SHAFT_SPEED { "unit=Hz or unit=rpm" } else { "none" };
+        Err(format!("an option that {name} does not have; allowed: {allowed}"))
+    }
+
+    /// An entry without options.
+    fn at(path: &str, origin: &str) -> Self {
+        Self {
+            origin: origin.to_owned(),
+            path: path.to_owned(),
+            column: None,
+            row: None,
+            rate: None,
+            interval: None,
+            time: None,
+            unit: None,
+            scale: None,
+            offset: None,
+        }
     }
 
     fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
@@ -262,5 +294,111 @@ fn number_at(key: &str, value: &str) -> Result<NumberAt, String> {
         Ok(_) | Err(_) => Err(format!(
             "{key}={value}; a number, or its place: @attribute, /path@attribute, /path"
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one(option: &str) -> MapEntry {
+        let map = ChannelMap::of_options(&[option]).unwrap();
+        let (_, entry) = map.iter().next().unwrap();
+        entry.clone()
+    }
+
+    fn wrong(option: &str) -> String {
+        ChannelMap::of_options(&[option]).unwrap_err().to_string()
+    }
+
+    fn place(path: Option<&str>, attribute: Option<&str>) -> Place {
+        Place { path: path.map(str::to_owned), attribute: attribute.map(str::to_owned) }
+    }
+
+    #[test]
+    fn every_option_is_read() {
+        let entry = one("x = /a/b , column=2, rate = @fs,unit=/u@name,scale=-2e-3,offset=/off");
+        let expected = MapEntry {
+            column: Some(2),
+            rate: Some(NumberAt::At(place(None, Some("fs")))),
+            unit: Some(TextAt::At(place(Some("/u"), Some("name")))),
+            scale: Some(NumberAt::Value(-2e-3)),
+            offset: Some(NumberAt::At(place(Some("/off"), None))),
+            ..MapEntry::at("/a/b", "--map")
+        };
+        assert_eq!(entry, expected);
+        let entry = one("x=/t,row=0,interval=1e-4,unit=m/s^2");
+        assert_eq!((entry.row, entry.interval), (Some(0), Some(NumberAt::Value(1e-4))));
+        assert_eq!(entry.unit, Some(TextAt::Value("m/s^2".into())));
+        assert_eq!(one("x=/y,time=/t").time, Some(place(Some("/t"), None)));
+        // An = behind the first belongs to the path.
+        assert_eq!(one("x=/a=b").path, "/a=b");
+    }
+
+    #[test]
+    fn places_are_told_from_values() {
+        for (text, expected) in [
+            ("@fs", Some(place(None, Some("fs")))),
+            ("/g/x@fs", Some(place(Some("/g/x"), Some("fs")))),
+            ("/@fs", Some(place(Some("/"), Some("fs")))),
+            ("/fs", Some(place(Some("/fs"), None))),
+            ("fs", None),
+            ("x@fs", None),
+            ("/x@", None),
+            ("@", None),
+            ("", None),
+        ] {
+            assert_eq!(Place::parse(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn every_mistake_names_the_entry_and_the_remedy() {
+        for (option, words) in [
+            ("x", "expected NAME=/path"),
+            ("=/x", "expected NAME=/path"),
+            ("x=y", "a path begins with /"),
+            ("a/b=/x", "a name has no /"),
+            ("x=/x,colum=1", "options are column, row"),
+            ("x=/x,column", "options are column, row"),
+            ("x=/x,column=-1", "a whole number from 0"),
+            ("x=/x,column=1,row=1", "give one of them"),
+            ("x=/x,rate=1,time=/t", "give one of them"),
+            ("x=/x,rate=1,rate=2", "rate stands twice"),
+            ("x=/x,rate=fast", "a number, or its place"),
+            ("x=/x,rate=inf", "a number, or its place"),
+            ("x=/x,time=1", "the place of the times"),
+            ("@speed=/x", "@shaft_speed, @start_time"),
+            ("@shaft_speed=/x,rate=2", "allowed: unit=Hz or unit=rpm"),
+            ("@start_time=/x,unit=g", "allowed: none"),
+            ("@start_time=/x@", "/path@attribute"),
+        ] {
+            let text = wrong(option);
+            assert!(text.starts_with(&format!("--map: {option}: ")), "{text}");
+            assert!(text.contains(words), "{option}: {text}");
+        }
+        let twice = ChannelMap::of_options(&["x=/a", "x=/b"]).unwrap_err().to_string();
+        assert_eq!(twice, "--map: x=/b: x is mapped twice; name each channel once");
+        let table = BTreeMap::from([("x".to_owned(), "/a,hz=1".to_owned())]);
+        let text = ChannelMap::of_table(&table, "rig.toml").unwrap_err().to_string();
+        assert!(
+            text.starts_with("[capture.map] of rig.toml: x = \"/a,hz=1\": unknown option"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn options_stand_over_the_machine_file_channel_by_channel() {
+        let table = BTreeMap::from([
+            ("x".to_owned(), "/a,rate=1".to_owned()),
+            ("y".to_owned(), "/b".to_owned()),
+        ]);
+        let below = ChannelMap::of_table(&table, "rig.toml").unwrap();
+        let map =
+            ChannelMap::of_options(&["x=/c", "@shaft_speed=/rpm,unit=rpm"]).unwrap().over(&below);
+        let paths: Vec<_> = map.iter().map(|(name, entry)| (name, entry.path.as_str())).collect();
+        assert_eq!(paths, [("@shaft_speed", "/rpm"), ("x", "/c"), ("y", "/b")]);
+        assert_eq!(map.get("x").unwrap().rate, None);
+        assert_eq!(map.channels().count(), 2);
     }
 }

@@ -1,6 +1,6 @@
-//! Attributes of the root group, and the length the superblock declares.
+//! Attributes of the root and other groups, and the length the superblock declares.
 //!
-//! The library gives a root attribute's text but not its numbers, so the object header is walked
+//! The library gives a group attribute's text but not its numbers, so the object header is walked
 //! here with the library's own decoders. Reads are bounded by the file's length.
 
 use super::error::{CaptureError, LibraryError};
@@ -13,6 +13,7 @@ use super::hdf5::format::object_header::{ObjectHeader, ObjectHeaderMessage};
 use super::hdf5::format::superblock::{self, SuperblockV0V1, SuperblockV2V3};
 use super::hdf5::format::{self, BlockReader, FormatContext, FormatError, FormatResult};
 use super::hdf5::{self, Attribute};
+use super::links;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -39,6 +40,14 @@ pub(super) enum RootAttribute {
 
 /// Reads the root attributes, after checking signature and declared length.
 pub(super) fn attributes(path: &Path) -> Result<BTreeMap<String, RootAttribute>, CaptureError> {
+    group_attributes(path, "")
+}
+
+/// The same for the group of this path of hard links; none if there is no such group.
+pub(super) fn group_attributes(
+    path: &Path,
+    group: &str,
+) -> Result<BTreeMap<String, RootAttribute>, CaptureError> {
     let io = |source| CaptureError::Io { file: path.into(), action: "read it", source };
     let mut bytes = Bytes::open(path).map_err(io)?;
     let mut head = [0_u8; 1024];
@@ -60,10 +69,10 @@ pub(super) fn attributes(path: &Path) -> Result<BTreeMap<String, RootAttribute>,
     }
     let library = |source: LibraryError| CaptureError::Library {
         file: path.into(),
-        object: "the root group's attributes".into(),
+        object: format!("the attributes of /{group}"),
         source,
     };
-    hdf5::guarded(|| root_attributes(&mut bytes, &superblock)).map_err(library)
+    hdf5::guarded(|| attributes_of(&mut bytes, &superblock, group)).map_err(library)
 }
 
 /// The file as the format's decoders want it: offsets from the superblock on.
@@ -151,13 +160,21 @@ impl Superblock {
     }
 }
 
-fn root_attributes(
+fn attributes_of(
     bytes: &mut Bytes,
     superblock: &Superblock,
+    group: &str,
 ) -> FormatResult<BTreeMap<String, RootAttribute>> {
     let context = &superblock.context;
     let mut attributes = BTreeMap::new();
-    for message in header_messages(bytes, superblock)? {
+    let mut messages = header_messages(bytes, context, superblock.root)?;
+    for name in group.split('/').filter(|name| !name.is_empty()) {
+        match links::target(&messages, name, context, bytes)? {
+            Some(address) => messages = header_messages(bytes, context, address)?,
+            None => return Ok(attributes),
+        }
+    }
+    for message in messages {
         let shared = message.flags & MSG_FLAG_SHARED != 0;
         match message.msg_type {
             MSG_ATTRIBUTE if !shared => {
@@ -183,14 +200,15 @@ fn insert(attributes: &mut BTreeMap<String, RootAttribute>, entry: &AttributeEnt
     attributes.insert(entry.name().into(), value);
 }
 
-/// All messages of the root object header, continuation blocks included.
+/// All messages of an object header, continuation blocks included.
 fn header_messages(
     bytes: &mut Bytes,
-    superblock: &Superblock,
+    context: &FormatContext,
+    address: u64,
 ) -> FormatResult<Vec<ObjectHeaderMessage>> {
-    let mut block = bytes.read_block(superblock.root, 8192)?;
+    let mut block = bytes.read_block(address, 8192)?;
     if let Err(FormatError::BufferTooShort { needed, .. }) = ObjectHeader::decode_any(&block) {
-        block = bytes.read_block(superblock.root, needed)?;
+        block = bytes.read_block(address, needed)?;
     }
     let (header, _) = ObjectHeader::decode_any(&block)?;
     let is_v2 = block.starts_with(b"OHDR");
@@ -204,7 +222,7 @@ fn header_messages(
         if message.msg_type != MSG_OBJ_HEADER_CONTINUATION {
             continue;
         }
-        let Some((at, length)) = continuation(&message.data, &superblock.context) else { continue };
+        let Some((at, length)) = continuation(&message.data, context) else { continue };
         if !seen.insert(at) || seen.len() > CONTINUATIONS_MAX {
             continue;
         }

@@ -8,6 +8,8 @@ use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
 use crate::capture::error::CaptureError;
+use crate::capture::inventory::Inventory;
+use crate::capture::map::ChannelMap;
 use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;
 use crate::capture::recording::repair;
@@ -36,6 +38,8 @@ Examples:
   rotorwatch check --repair data/recordings/rig-1/rig-1-00000007.h5
   rotorwatch check --frequencies --speed 29.5 --resolution 0.5 rig.toml
   rotorwatch check --rate 12000 logger.csv
+  rotorwatch check export.mat                        # what is inside, and the --map that reads it
+  rotorwatch check --map drive_x=/data,column=0,rate=@fs export.mat
 
 What a file is, its content decides: a capture is HDF5, WAV or a table of numbers (CSV), a machine
 file has a table [machine], a configuration of the daemon [server], [pipeline], [[machine]] or
@@ -97,6 +101,8 @@ enum CheckError {
         file.display()
     )]
     Unknown { file: PathBuf, found: &'static str, remedy: String },
+    #[error("{}: not of rotorwatch's own layout: {why}; the --map options printed above read it", file.display())]
+    Foreign { file: PathBuf, why: String },
     #[error("{}: no speed is known to list lines at: give --speed HZ, or speed_hz of the first [[shaft]]", file.display())]
     NoSpeed { file: PathBuf },
 }
@@ -136,6 +142,7 @@ fn tell(error: &CheckError) {
         | CheckError::Map(_)
         | CheckError::Capture(_)
         | CheckError::Unknown { .. }
+        | CheckError::Foreign { .. }
         | CheckError::NoSpeed { .. } => {
             super::tell(error);
         }
@@ -155,12 +162,15 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
                 "{name}: machine file\n{}",
                 indented(&report::summary(&machine))
             ));
+            ChannelMap::of_table(&machine.capture_map, &name)?;
             lines(path, &machine, None, arguments, out)
         }
         FileKind::Configuration => {
             let config = config::load(path)?;
             out.push_str(&configuration(&name, &config));
             for entry in &config.machines {
+                let name = entry.file.display().to_string();
+                ChannelMap::of_table(&entry.machine.capture_map, &name)?;
                 lines(&entry.file, &entry.machine, None, arguments, out)?;
             }
             Ok(())
@@ -195,7 +205,15 @@ fn repair_recording(path: &Path, out: &mut String) -> Result<(), CheckError> {
 
 /// Reads a capture to its end, and the machine description inside it.
 fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), CheckError> {
-    let mut reader = CaptureReader::open(path, None, &arguments.hints.hints()?)?;
+    let mut reader = match CaptureReader::open(path, None, &arguments.hints.hints()?) {
+        Ok(reader) => reader,
+        Err(error) if arguments.hints.map.is_empty() && error.is_of_layout() => {
+            let inventory = Inventory::examine(path)?;
+            out.push_str(&inventory.to_string());
+            return Err(foreign(path, &inventory, error));
+        }
+        Err(error) => return Err(CheckError::Capture(error)),
+    };
     out.push_str(&reader.info().to_string());
     while reader.next_block()?.is_some() {}
     let told = reader.report();
@@ -218,6 +236,19 @@ fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result
     let machine = file::parse(text, &name)?;
     out.push_str(&indented(&report::summary(&machine)));
     lines(path, &machine, info.shaft_speed, arguments, out)
+}
+
+/// What to tell of a file of another layout, once its content is listed.
+fn foreign(path: &Path, inventory: &Inventory, error: CaptureError) -> CheckError {
+    if inventory.command().is_none() {
+        return CheckError::Capture(error);
+    }
+    let why = if matches!(error, CaptureError::ForeignLayout { .. }) {
+        "no group /channels".to_owned()
+    } else {
+        error.to_string()
+    };
+    CheckError::Foreign { file: path.to_owned(), why }
 }
 
 /// Lists the machine's lines, if asked for.

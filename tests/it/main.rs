@@ -11,6 +11,7 @@ mod shutdown;
 mod damaged_bearing;
 mod gaps;
 mod neighbours;
+mod foreign;
 mod rubbish;
 mod recordings;
 mod recorder;

@@ -140,6 +140,7 @@ impl Table<'_> {
         let info = CaptureInfo {
             file: self.path.into(),
             file_bytes: self.file_bytes,
+            is_mapped: false,
             format_stated: false,
             start_time: survey.start_ns.map(Timestamp),
             machine: None,

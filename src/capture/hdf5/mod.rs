@@ -16,8 +16,10 @@ use std::path::Path;
 use std::sync::Once;
 
 pub(super) use ::hdf5::format;
-use ::hdf5::format::messages::{attribute::AttributeMessage, datatype::IeeeFormat};
-use ::hdf5::{ByteOrder, DatatypeMessage, H5Dataset, H5File, H5Group, H5Type, LinkClass};
+use ::hdf5::format::messages::attribute::AttributeMessage;
+pub(super) use ::hdf5::format::messages::datatype::IeeeFormat;
+use ::hdf5::{ByteOrder, H5Dataset, H5File};
+pub(super) use ::hdf5::{DatatypeMessage, H5Group, H5Type, Hdf5Error, LinkClass};
 use ::hdf5::{StorageLayout, VarLenUnicode};
 
 thread_local! {
@@ -71,7 +73,7 @@ impl Attribute {
         Self::from_parts(&message.datatype, &message.data)
     }
 
-    fn from_parts(datatype: &DatatypeMessage, data: &[u8]) -> Option<Self> {
+    pub(super) fn from_parts(datatype: &DatatypeMessage, data: &[u8]) -> Option<Self> {
         if is_text(datatype) {
             return None;
         }
@@ -136,7 +138,7 @@ fn number(datatype: &DatatypeMessage, data: &[u8]) -> Option<f64> {
 
 /// An open file, for reading.
 pub(super) struct File {
-    inner: H5File,
+    pub(super) inner: H5File,
 }
 
 /// What a name in a group stands for.
@@ -192,7 +194,7 @@ impl File {
                 };
                 entries.push((name, entry));
             }
-            Ok::<_, ::hdf5::Hdf5Error>(Some(entries))
+            Ok::<_, Hdf5Error>(Some(entries))
         })
     }
 
@@ -252,7 +254,7 @@ pub(super) enum Storage {
 
 /// An open data set.
 pub(super) struct Dataset {
-    inner: H5Dataset,
+    pub(super) inner: H5Dataset,
 }
 
 impl Dataset {
@@ -265,7 +267,7 @@ impl Dataset {
         // Describing a damaged type may panic too, so that is inside.
         guarded(|| {
             let datatype = self.inner.datatype()?;
-            Ok::<_, ::hdf5::Hdf5Error>(match channel_type(&datatype) {
+            Ok::<_, Hdf5Error>(match channel_type(&datatype) {
                 Some(kind) => Ok(kind),
                 None => Err(datatype.to_string()),
             })
@@ -274,7 +276,7 @@ impl Dataset {
 
     pub(super) fn storage(&self) -> Result<Storage, LibraryError> {
         guarded(|| {
-            Ok::<_, ::hdf5::Hdf5Error>(match self.inner.storage_layout()? {
+            Ok::<_, Hdf5Error>(match self.inner.storage_layout()? {
                 StorageLayout::Virtual => Storage::Elsewhere("a virtual data set"),
                 StorageLayout::Contiguous if !self.inner.external_files()?.is_empty() => {
                     Storage::Elsewhere("data in external files")
@@ -298,7 +300,7 @@ impl Dataset {
             let datatype = attribute.datatype()?;
             match Attribute::from_parts(&datatype, &attribute.read_raw()?) {
                 Some(value) => Ok(Some(value)),
-                None => Ok::<_, ::hdf5::Hdf5Error>(Some(Attribute::Text(attribute.read_string()?))),
+                None => Ok::<_, Hdf5Error>(Some(Attribute::Text(attribute.read_string()?))),
             }
         })
     }
@@ -325,7 +327,7 @@ impl Dataset {
 
 /// A file being written; incomplete until [`NewFile::close`].
 pub(super) struct NewFile {
-    inner: H5File,
+    pub(super) inner: H5File,
 }
 
 /// How a new data set is stored.
@@ -383,7 +385,7 @@ impl NewGroup {
             }
             let inner = builder.create(name)?;
             inner.write_raw(data)?;
-            Ok::<_, ::hdf5::Hdf5Error>(NewDataset { inner })
+            Ok::<_, Hdf5Error>(NewDataset { inner })
         })
     }
 }

@@ -89,6 +89,7 @@ pub(super) fn open(
     let info = CaptureInfo {
         file: path.into(),
         file_bytes,
+        is_mapped: false,
         format_stated: false,
         start_time: None,
         machine: None,

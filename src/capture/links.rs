@@ -1,0 +1,100 @@
+//! Hard links of groups: the address of a group's object header, for its attributes.
+//!
+//! Both generations of group storage: link messages (compact or dense) and symbol tables. Must not
+//! know what attributes mean.
+
+use super::hdf5::format::btree_v1::BTreeV1Node;
+use super::hdf5::format::dense_link::read_dense_links;
+use super::hdf5::format::local_heap::{LocalHeapHeader, local_heap_get_string};
+use super::hdf5::format::messages::link::{LinkMessage, LinkTarget};
+use super::hdf5::format::messages::link_info::LinkInfoMessage;
+use super::hdf5::format::messages::{MSG_LINK, MSG_LINK_INFO, MSG_SYMBOL_TABLE};
+use super::hdf5::format::object_header::ObjectHeaderMessage;
+use super::hdf5::format::symbol_table::SymbolTableNode;
+use super::hdf5::format::{BlockReader, FormatContext, FormatResult};
+
+/// Nodes of a symbol table's tree visited at most.
+const NODES_MAX: usize = 65_536;
+
+/// Bytes of one node read at most.
+const NODE_BYTES: usize = 256 << 10;
+
+/// Bytes of a heap of names read at most.
+const HEAP_BYTES_MAX: u64 = 4 << 20;
+
+/// Address of what the hard link `name` of the group with these header messages leads to.
+pub(super) fn target<R: BlockReader>(
+    messages: &[ObjectHeaderMessage],
+    name: &str,
+    context: &FormatContext,
+    bytes: &mut R,
+) -> FormatResult<Option<u64>> {
+    for message in messages {
+        let found = match message.msg_type {
+            MSG_LINK => of_link(&LinkMessage::decode(&message.data, context)?.0, name),
+            MSG_LINK_INFO => {
+                let (info, _) = LinkInfoMessage::decode(&message.data, context)?;
+                let links = read_dense_links(&info, context, bytes)?;
+                links.iter().find_map(|link| of_link(link, name))
+            }
+            MSG_SYMBOL_TABLE => of_table(&message.data, name, context, bytes)?,
+            _ => None,
+        };
+        if found.is_some() {
+            return Ok(found);
+        }
+    }
+    Ok(None)
+}
+
+fn of_link(link: &LinkMessage, name: &str) -> Option<u64> {
+    match link.target {
+        LinkTarget::Hard { address } if link.name == name => Some(address),
+        LinkTarget::Hard { .. }
+        | LinkTarget::Soft { .. }
+        | LinkTarget::External { .. }
+        | LinkTarget::UserDefined { .. } => None,
+    }
+}
+
+/// Looks a name up in a symbol table: a tree of nodes, and a heap of names.
+fn of_table<R: BlockReader>(
+    message: &[u8],
+    name: &str,
+    context: &FormatContext,
+    bytes: &mut R,
+) -> FormatResult<Option<u64>> {
+    let (address_bytes, size_bytes) =
+        (usize::from(context.sizeof_addr), usize::from(context.sizeof_size));
+    let Some((tree, rest)) = message.split_at_checked(address_bytes) else { return Ok(None) };
+    let Some(heap) = rest.get(..address_bytes) else { return Ok(None) };
+    let head = bytes.read_block(little_endian(heap), 64)?;
+    let heap = LocalHeapHeader::decode(&head, address_bytes, size_bytes)?;
+    let heap_bytes = usize::try_from(heap.data_size.min(HEAP_BYTES_MAX)).unwrap_or(0);
+    let names = bytes.read_block(heap.data_addr, heap_bytes)?;
+    let mut ahead = vec![little_endian(tree)];
+    let mut n_nodes = 0;
+    while let Some(address) = ahead.pop() {
+        n_nodes += 1;
+        if n_nodes > NODES_MAX {
+            return Ok(None);
+        }
+        let block = bytes.read_block(address, NODE_BYTES)?;
+        if block.starts_with(b"TREE") {
+            let node = BTreeV1Node::decode(&block, address_bytes, size_bytes, u16::MAX)?;
+            ahead.extend(node.children);
+            continue;
+        }
+        let node = SymbolTableNode::decode(&block, address_bytes, size_bytes, u16::MAX)?;
+        for entry in node.entries {
+            if local_heap_get_string(&names, entry.name_offset)? == name {
+                return Ok(Some(entry.obj_header_addr));
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn little_endian(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte))
+}
