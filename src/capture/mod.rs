@@ -10,7 +10,7 @@ pub mod error;
 pub mod content;
 pub mod hints;
 pub mod map;
-pub mod inventory;
+pub mod foreign;
 pub mod info;
 pub mod received;
 pub mod reader;
@@ -22,20 +22,12 @@ mod hdf5; // the only folder that names the crate
 mod filters;
 mod root;
 mod links;
-mod objects;
 mod checks;
 mod layout;
-mod places;
-mod facts;
-mod times;
-mod mapped;
-mod suggest;
 mod dataset;
 mod integrity;
 mod checksums;
 mod rows;
-mod grid;
-mod spelling;
 mod channel_unit;
 mod segments;
 mod convert;
@@ -46,5 +38,3 @@ mod wav;
 
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod mapped_tests;

@@ -8,7 +8,7 @@ use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
 use crate::capture::error::CaptureError;
-use crate::capture::inventory::Inventory;
+use crate::capture::foreign::inventory::Inventory;
 use crate::capture::map::ChannelMap;
 use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;

@@ -4,8 +4,10 @@
 //! is visible in the order segments, samples, checksums: a reader never finds a sample without its
 //! time, nor a checksum without its samples.
 
+use super::super::checksums;
 use super::super::error::{CaptureError, LibraryError};
 use super::super::hdf5::{ElementType, RecordingFile};
+use super::super::integrity::{ChannelFacts, Statement};
 use super::super::layout::{FORMAT, VERSION};
 use super::super::received::{Received, ReceivedChannel};
 use super::super::segments::Segments;
@@ -392,6 +394,7 @@ fn start(
     if let Some(speed) = header.capture.shaft_speed {
         file.number("shaft_speed_hz", speed.0)?;
     }
+    file.number(checksums::STATEMENT, i64::from(statement(&header.capture, channels)))?;
     // Readers see new rows in this order: no sample before its segment, no checksum before either.
     for group in ["segments", "channels", "checksums"] {
         file.group(group)?;
@@ -418,6 +421,26 @@ fn start(
         .collect::<Result<_, LibraryError>>()?;
     file.start()?;
     Ok((file, Columns { starts, times_s, channels }))
+}
+
+/// The checksum of what the file states about itself, segments aside: they are yet to come.
+fn statement(header: &CaptureHeader, channels: &[ReceivedChannel]) -> u32 {
+    let CaptureHeader { start_time, machine, shaft_speed } = header;
+    let mut statement = Statement::new(Some(FORMAT), *start_time, machine.as_deref(), *shaft_speed);
+    let mut sorted: Vec<&ReceivedChannel> = channels.iter().collect();
+    sorted.sort_by(|a, b| a.name.cmp(&b.name));
+    for channel in sorted {
+        statement.channel(&ChannelFacts {
+            name: &channel.name,
+            number_type: channel.number_type,
+            sample_rate: channel.sample_rate,
+            unit: channel.unit.as_deref(),
+            sensor: channel.sensor.as_deref(),
+            scale: channel.scale,
+            offset: channel.offset,
+        });
+    }
+    statement.sum()
 }
 
 /// Declares a channel. A chunk is a second, but of slow channels at least `CHUNK_SAMPLES_MIN`

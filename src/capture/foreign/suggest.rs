@@ -3,12 +3,12 @@
 //! Rates, intervals, times and units are recognised by the names that MATLAB scripts, LabVIEW and
 //! h5py users give them. Nothing is read by a suggestion: it is printed for people to judge.
 
-use super::hdf5::Attribute;
 use super::inventory::{Kind, NOT_READABLE, Object};
-use super::layout::{RATE_RANGE_HZ, start_time_of};
-use super::map::{SHAFT_SPEED, START_TIME};
 use super::objects::Element;
 use super::spelling;
+use crate::capture::hdf5::Attribute;
+use crate::capture::layout::{RATE_RANGE_HZ, start_time_of};
+use crate::capture::map::{SHAFT_SPEED, START_TIME};
 use std::collections::BTreeSet;
 
 /// Samples a data set has at least to be taken for a channel.

@@ -3,12 +3,12 @@
 //! A place is an attribute of a data set or group, or a data set of one element. Must not know what
 //! the value is for.
 
-use super::checks::{Checks, Chunks};
-use super::error::CaptureError;
-use super::hdf5::{Attribute, Dataset, File};
-use super::map::Place;
 use super::objects::{self, Element, Found, Number};
-use super::root::{self, RootAttribute};
+use crate::capture::checks::{Checks, Chunks};
+use crate::capture::error::CaptureError;
+use crate::capture::hdf5::{Attribute, Dataset, File};
+use crate::capture::map::Place;
+use crate::capture::root::{self, RootAttribute};
 
 /// Bytes of a text at most.
 const TEXT_BYTES_MAX: u64 = 1 << 16;

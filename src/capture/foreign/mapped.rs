@@ -4,25 +4,25 @@
 //! Values the map names are used or refused; attributes of the file that nobody named (`unit`,
 //! `scale`, `start_time`, …) are used if they are right and noted if not.
 
-use super::channel_unit;
-use super::checks::{Checks, Chunks};
-use super::convert::Conversion;
-use super::error::CaptureError;
 use super::facts::{self, Facts};
 use super::grid::{Strip, TableRows};
-use super::hdf5::{Attribute, Dataset, File};
-use super::hints::Hints;
-use super::info::{CaptureInfo, CaptureKind, ChannelDescription};
-use super::layout::{CHANNELS_MAX, RATE_RANGE_HZ, absent_channels, duration_s};
-use super::map::{ChannelMap, MapEntry, NumberAt, TextAt};
 use super::objects::{Element, Number};
-use super::open::Opened;
 use super::places::{self, Places, Problem};
-use super::received::RawSamples;
-use super::rows::{Column, Rows, Source};
-use super::segments::Segments;
 use super::spelling;
 use super::times::TimeAxis;
+use crate::capture::channel_unit;
+use crate::capture::checks::{Checks, Chunks};
+use crate::capture::convert::Conversion;
+use crate::capture::error::CaptureError;
+use crate::capture::hdf5::{Attribute, Dataset, File};
+use crate::capture::hints::Hints;
+use crate::capture::info::{CaptureInfo, CaptureKind, ChannelDescription};
+use crate::capture::layout::{CHANNELS_MAX, RATE_RANGE_HZ, absent_channels, duration_s};
+use crate::capture::map::{ChannelMap, MapEntry, NumberAt, TextAt};
+use crate::capture::open::Opened;
+use crate::capture::received::RawSamples;
+use crate::capture::rows::{Column, Rows, Source};
+use crate::capture::segments::Segments;
 use crate::machine::Machine;
 use crate::signal::{ChannelIndex, ChannelInfo};
 use crate::units::{Hz, SourceUnit};
@@ -32,7 +32,7 @@ use std::collections::BTreeMap;
 const FIRST_ROWS: u64 = 1024;
 
 /// Opens the file as `map` says.
-pub(super) fn open(
+pub(in crate::capture) fn open(
     checks: &Checks<'_>,
     file: &File,
     machine: Option<&Machine>,

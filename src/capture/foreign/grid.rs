@@ -3,11 +3,11 @@
 //! Time runs along one axis; a channel is one coordinate on the other. All channels asked for are
 //! read at once, so that a chunk is decompressed once. Must not know maps or units.
 
-use super::error::{CaptureError, LibraryError};
-use super::hdf5::Dataset;
 use super::objects::Number;
-use super::received::RawSamples;
-use super::rows::Rows;
+use crate::capture::error::{CaptureError, LibraryError};
+use crate::capture::hdf5::Dataset;
+use crate::capture::received::RawSamples;
+use crate::capture::rows::Rows;
 use std::path::PathBuf;
 
 /// Which samples of a data set are one channel.

@@ -3,14 +3,14 @@
 //! For people who have a file and no map. Bounded whatever the file holds; values that may tell what
 //! a recording is meant to show (`/truth`, `label`-like names) are not read. Must not know machines.
 
-use super::checks::{Checks, Chunks};
-use super::error::CaptureError;
 use super::grid;
-use super::hdf5::{Attribute, File};
 use super::objects::{self, Element, Found};
 use super::places::Places;
-use super::root::{self, RootAttribute};
 use super::suggest::{self, Suggestion};
+use crate::capture::checks::{Checks, Chunks};
+use crate::capture::error::CaptureError;
+use crate::capture::hdf5::{Attribute, File};
+use crate::capture::root::{self, RootAttribute};
 use std::fmt;
 use std::path::{Path, PathBuf};
 

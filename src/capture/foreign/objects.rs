@@ -4,10 +4,12 @@
 //! Links are followed here, one by one, so that a path never leaves the file and never enters
 //! `/truth`. Must not know maps, channels or units.
 
-use super::error::LibraryError;
-use super::hdf5::{self, Attribute, Dataset, DatatypeMessage, File, H5Group, H5Type, Hdf5Error};
-use super::hdf5::{IeeeFormat, LinkClass};
-use super::received::{NumberType, RawSamples};
+use crate::capture::error::LibraryError;
+use crate::capture::hdf5::{
+    self, Attribute, Dataset, DatatypeMessage, File, H5Group, H5Type, Hdf5Error,
+};
+use crate::capture::hdf5::{IeeeFormat, LinkClass};
+use crate::capture::received::{NumberType, RawSamples};
 use std::collections::VecDeque;
 
 /// Soft links followed on one path at most.

@@ -3,14 +3,14 @@
 //! `@start_time` and `@shaft_speed` of the map are used or refused; root attributes of our names are
 //! used if they are right and noted if not.
 
-use super::error::CaptureError;
-use super::hdf5::Attribute;
-use super::layout::{MAX_SPEED_HZ, start_time_of};
-use super::map::{self, ChannelMap, MapEntry, Place, TextAt};
 use super::mapped::entry_error;
 use super::places::{Places, Problem};
-use super::root;
 use super::spelling;
+use crate::capture::error::CaptureError;
+use crate::capture::hdf5::Attribute;
+use crate::capture::layout::{MAX_SPEED_HZ, start_time_of};
+use crate::capture::map::{self, ChannelMap, MapEntry, Place, TextAt};
+use crate::capture::root;
 use crate::machine::file;
 use crate::signal::Timestamp;
 use crate::units::{Hz, Rpm};

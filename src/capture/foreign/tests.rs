@@ -1,11 +1,11 @@
 //! Files of other layouts, written with bare library calls, read through maps.
 
-use super::error::CaptureError;
-use super::hdf5::{H5Type, NewFile};
-use super::hints::Hints;
 use super::inventory::Inventory;
-use super::map::ChannelMap;
-use super::reader::CaptureReader;
+use crate::capture::error::CaptureError;
+use crate::capture::hdf5::{H5Type, NewFile};
+use crate::capture::hints::Hints;
+use crate::capture::map::ChannelMap;
+use crate::capture::reader::CaptureReader;
 use crate::signal::Block;
 use crate::units::{Hz, Unit};
 use rand::{RngExt, SeedableRng};

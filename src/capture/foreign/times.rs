@@ -4,10 +4,10 @@
 //! of its place. Read twice, a piece at a time: once for gaps and span, once to hold each time
 //! against its place. Must not know channels.
 
-use super::checks::Chunks;
 use super::grid::Strip;
 use super::objects::Element;
 use super::places::{Places, Problem};
+use crate::capture::checks::Chunks;
 use crate::units::Hz;
 
 /// Elements read at once, rounded up to whole chunks.
