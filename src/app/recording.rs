@@ -37,13 +37,14 @@ pub struct Recording {
     told: Counts,
 }
 
-/// Opens the store of recordings and says what was found in it; `None` if nothing is recorded.
+/// Opens the store of recordings, recovers what was left open in it and says what was found;
+/// `None` if nothing is recorded, in which case nothing is removed for the store's limit either.
 pub(super) fn open_store(config: &Config) -> Option<Arc<Mutex<Store>>> {
-    config.recording.as_ref()?;
     let root = config.store.directory.join(FOLDER);
-    let (store, events) = Store::open(&root, config.store.max_bytes);
+    let limit = if config.recording.is_some() { config.store.max_bytes } else { u64::MAX };
+    let (store, events) = Store::open(&root, limit);
     events.iter().for_each(|event| log_store(None, event));
-    Some(Arc::new(Mutex::new(store)))
+    config.recording.map(|_| Arc::new(Mutex::new(store)))
 }
 
 impl Recording {

@@ -156,6 +156,21 @@ pub enum CaptureError {
         /// The cause.
         source: LibraryError,
     },
+    /// A table without times whose rate nobody states.
+    #[error(
+        "{}: no time column, and no rate is given; give --rate HZ, or rate= or time= in --map",
+        file.display()
+    )]
+    NoRate {
+        /// The file.
+        file: PathBuf,
+        /// What was guessed of its form.
+        guessed: String,
+        /// What is in it.
+        channels: String,
+        /// Options that name the channels as they are.
+        options: String,
+    },
     /// Fewer samples than were declared.
     #[error(
         "{}: {object}: {found} of {expected} samples can be read from sample {at} on; take the original again",
@@ -238,6 +253,7 @@ impl CaptureError {
             | Self::Foreign { .. }
             | Self::Line { .. }
             | Self::Table { .. }
+            | Self::NoRate { .. }
             | Self::Checksum { .. }
             | Self::Integrity { .. }
             | Self::Mapped { .. }

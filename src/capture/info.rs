@@ -162,9 +162,6 @@ impl fmt::Display for CaptureInfo {
         if !self.ignored.is_empty() {
             writeln!(f, "  not channels, ignored: {}", self.ignored.join(", "))?;
         }
-        for note in &self.notes {
-            writeln!(f, "  note: {note}")?;
-        }
         for line in self.missing() {
             writeln!(f, "  missing {line}")?;
         }

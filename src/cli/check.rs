@@ -212,7 +212,14 @@ fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result
             out.push_str(&inventory.to_string());
             return Err(foreign(path, &inventory, error));
         }
-        Err(error) => return Err(CheckError::Capture(error)),
+        Err(error) => {
+            if let CaptureError::NoRate { guessed, channels, options, .. } = &error {
+                let name = path.display().to_string();
+                out.push_str(&format!("{name}: CSV\n  {guessed}\n  {channels}\n  missing rate\n"));
+                out.push_str(&advice("what would read it", &format!("--rate HZ {options}"), &name));
+            }
+            return Err(CheckError::Capture(error));
+        }
     };
     out.push_str(&reader.info().to_string());
     while reader.next_block()?.is_some() {}
@@ -226,10 +233,8 @@ fn check_capture(path: &Path, arguments: &Arguments, out: &mut String) -> Result
     }
     let info = reader.info();
     if let Some(options) = &info.options {
-        let name = quoted(&path.display().to_string());
-        out.push_str(&format!(
-            "  to name channels or units otherwise, change this:\n    rotorwatch diagnose --machine rig.toml {options} {name}\n"
-        ));
+        let why = "to name channels or units otherwise, change this";
+        out.push_str(&advice(why, options, &path.display().to_string()));
     }
     let Some(text) = &info.machine else { return Ok(()) };
     let name = format!("{} (attribute `machine`)", path.display());
@@ -294,6 +299,11 @@ fn configuration(name: &str, config: &Config) -> String {
         text.push_str(&indented(&(report::summary(&entry.machine) + &source)));
     }
     text
+}
+
+/// A command that reads a capture with these options.
+fn advice(why: &str, options: &str, file: &str) -> String {
+    format!("  {why}:\n    rotorwatch diagnose --machine rig.toml {options} {}\n", quoted(file))
 }
 
 /// A name as a shell takes it.

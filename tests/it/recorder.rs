@@ -167,6 +167,31 @@ fn after_a_kill_the_next_start_recovers_the_recording() {
 }
 
 #[test]
+fn what_was_left_open_is_recovered_even_if_nothing_is_recorded_any_more() {
+    let mut daemon =
+        Daemon::start_in(folder("flush_seconds = 0.05\n", "speed = 10\nloop = true\n"));
+    let dir = daemon.dir.path().to_owned();
+    support::wait_until("a recording", || recordings(&dir).into_iter().find(|f| is_named(f)));
+    daemon.signal("KILL");
+    support::wait_until("the end of the process", || daemon.child.try_wait().unwrap());
+    let [file] = &recordings(&dir)[..] else { panic!("one file") };
+    let after = support::folder(
+        &format!("[server]\nbind = \"127.0.0.1:0\"\n{SOURCE}"),
+        &[("rig.toml", scene::MACHINE.as_bytes())],
+    );
+    write_capture(&after.path().join("x.h5"));
+    let store = after.path().join("data/recordings/rig-1");
+    fs::create_dir_all(&store).unwrap();
+    let moved = store.join(file.file_name().unwrap());
+    fs::copy(file, &moved).unwrap();
+    let daemon = Daemon::start_in(after);
+    let told = CaptureReader::open(&moved, None, &Hints::default()).unwrap().info().to_string();
+    assert!(!told.contains("left open"), "{told}");
+    daemon.wait_finished("rig-1");
+    assert_eq!(recordings(daemon.dir.path()).len(), 1, "nothing new");
+}
+
+#[test]
 fn a_disk_that_refuses_stops_the_recording_and_not_the_analysis() {
     let dir = folder("", "");
     fs::write(dir.path().join("data"), "a file where the store should be").unwrap();

@@ -205,14 +205,18 @@ fn errors_name_the_line_and_the_remedy() {
         assert!(ended.stderr.contains(message), "{message}\nnot in\n{}", ended.stderr);
     }
     assert!(!ended.stderr.contains("panicked"), "{}", ended.stderr);
-    let checked = run(&dir, &["check", "x.mat", "words.csv", "back.csv"]);
+    let checked = run(&dir, &["check", "x.mat", "words.csv", "back.csv", "no-rate.csv"]);
     assert_eq!(checked.status.code(), Some(2));
     for message in [
         "error: x.mat: this is a MATLAB file of version 5, not a machine file, a configuration or a capture: save it",
         "error: words.csv: this is a text file without a table",
         "error: back.csv:52: the time falls back",
+        "error: no-rate.csv: no time column",
     ] {
         assert!(checked.stderr.contains(message), "{message}\nnot in\n{}", checked.stderr);
+    }
+    for line in ["separator ';'", "60 rows of ch1, ch2", "--rate HZ --map 'ch1=/ch1' --map 'ch2"] {
+        assert!(checked.stdout.contains(line), "{line}\nnot in\n{}", checked.stdout);
     }
     let wrong = run(&dir, &["diagnose", "--machine", "narrow.csv", "x.h5"]);
     assert!(

@@ -126,7 +126,7 @@ impl Table<'_> {
         let survey = survey::survey(self.path, &self.dialect, time, ends_with_line)?;
         let mut notes = vec![self.guessed(time)];
         let (choice, ignored) = self.select(choice, &offered, time, &survey)?;
-        let (rate, starts) = self.rate(&choice, &survey, &mut notes)?;
+        let (rate, starts) = self.rate(&choice, &offered, &survey, &mut notes)?;
         if let Some(line) = survey.cut_line {
             notes.push(format!("line {line}, the last, is cut in its middle and not used"));
         }
@@ -262,14 +262,20 @@ impl Table<'_> {
     fn rate(
         &self,
         choice: &Choice,
+        offered: &[Offered],
         survey: &Survey,
         notes: &mut Vec<String>,
     ) -> Result<(Hz, Vec<(u64, f64)>), CaptureError> {
         let told = table::told_rate(choice, self.hints);
         match (&survey.timed, told) {
             (None, None) => {
-                let problem = "no time column, and no rate is given; give --rate HZ, or rate= or time= in --map";
-                Err(table_error(self.path, problem.to_owned()))
+                let names: Vec<&str> = choice.channels.iter().map(|c| c.name.as_str()).collect();
+                Err(CaptureError::NoRate {
+                    file: self.path.into(),
+                    guessed: notes.join("; "),
+                    channels: format!("{} rows of {}", survey.n_rows, names.join(", ")),
+                    options: table::options(None, &choice.channels, offered),
+                })
             }
             (None, Some((rate, _))) => Ok((rate, vec![(0, 0.0)])),
             (Some(Ok(timed)), None) => self.in_range(timed),

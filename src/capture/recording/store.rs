@@ -229,6 +229,6 @@ fn number(name: &str, machine: &str) -> Option<u64> {
 
 /// A machine's id as the name of a folder.
 fn as_name(machine: &str) -> String {
-    let safe = |c: char| if c.is_alphanumeric() || "-_".contains(c) { c } else { '_' };
+    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     machine.chars().map(safe).collect()
 }
