@@ -129,10 +129,12 @@ fn run(
     let mut monitor = Monitor::new(machine, channels, hints, &settings)
         .map_err(|source| OfflineError::Monitor { file: file.to_owned(), source })?;
     let mut outcomes: Vec<Outcome> = Vec::new();
+    let mut first_s = None;
     let mut keep = |outcome: Outcome| outcomes.push(outcome);
     while let Some(block) = reader.next_block()? {
         monitor.step(&block, &mut keep);
-        progress((block.time_s / duration_s).clamp(0.0, 1.0));
+        let start_s = *first_s.get_or_insert(block.time_s);
+        progress(((block.time_s - start_s) / duration_s).clamp(0.0, 1.0));
     }
     let report = reader.report();
     if report.samples_rejected() > 0 {

@@ -27,7 +27,7 @@ pub struct CaptureInfo {
     pub channels: Vec<ChannelDescription>,
     /// Number of segments; `None` if the channels are contiguous throughout.
     pub segments: Option<usize>,
-    /// Stream time at which the last sample of the longest channel ends, s.
+    /// From the first sample to the end of the last one of the longest channel, gaps included, s.
     pub duration_s: f64,
     /// Names of root attributes that mean nothing to this program; their values are not read.
     pub other_attributes: Vec<String>,
@@ -150,6 +150,7 @@ impl fmt::Display for CaptureInfo {
             writeln!(f, "  machine file inside, {} lines", text.lines().count())?;
         }
         match self.segments {
+            Some(1) => writeln!(f, "  1 segment")?,
             Some(count) => writeln!(f, "  {count} segments")?,
             None => writeln!(f, "  one contiguous recording")?,
         }

@@ -19,6 +19,7 @@ use crate::machine::Machine;
 use crate::signal::{ChannelIndex, ChannelInfo, Timestamp};
 use crate::units::Hz;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Value of the root attribute `format`.
 pub(super) const FORMAT: &str = "rotorwatch-capture";
@@ -115,6 +116,11 @@ pub(super) fn absent_channels(
     named.map(|sensor| &sensor.channel).filter(|name| !known(name)).cloned().collect()
 }
 
+/// Whether a file bears the mark of a recorder; false if it cannot be told.
+pub(super) fn is_recording(path: &Path) -> bool {
+    root::attributes(path).is_ok_and(|attributes| attributes.contains_key(RECORDING))
+}
+
 /// Reads an RFC 3339 time.
 pub(super) fn start_time_of(text: &str) -> Option<Timestamp> {
     let text = text.trim();
@@ -122,7 +128,7 @@ pub(super) fn start_time_of(text: &str) -> Option<Timestamp> {
     i64::try_from(instant.as_nanosecond()).ok().map(Timestamp)
 }
 
-/// End of the last segment of the longest channel, s.
+/// From the first sample to the end of the last segment of the longest channel, s.
 pub(super) fn duration_s(channels: &[ChannelDescription], segments: &Segments) -> f64 {
     let last = u32::try_from(segments.len().saturating_sub(1)).unwrap_or(u32::MAX);
     let end_s = |channel: &ChannelDescription| {
@@ -130,7 +136,8 @@ pub(super) fn duration_s(channels: &[ChannelDescription], segments: &Segments) -
         let start = segments.span(last, rate).map_or(0, |span| span.start);
         segments.last_time_s() + channel.n_samples.saturating_sub(start) as f64 / rate.0
     };
-    channels.iter().map(end_s).fold(0.0, f64::max)
+    let start_s = segments.first_time_s();
+    channels.iter().map(|channel| end_s(channel) - start_s).fold(0.0, f64::max)
 }
 
 /// What the root attributes say.

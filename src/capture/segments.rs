@@ -110,6 +110,10 @@ impl Segments {
         self.starts.iter().copied().zip(self.times_s.iter().copied())
     }
 
+    pub(super) fn first_time_s(&self) -> f64 {
+        self.times_s.first().copied().unwrap_or(0.0)
+    }
+
     pub(super) fn last_time_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(0.0)
     }

@@ -10,6 +10,7 @@ use super::super::error::{CaptureError, LibraryError};
 use super::super::hdf5;
 use super::super::hdf5::format::superblock::{FLAG_SWMR_WRITE, FLAG_WRITE_ACCESS, SuperblockV2V3};
 use super::super::hints::Hints;
+use super::super::info::CaptureKind;
 use super::super::reader::CaptureReader;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};
@@ -49,6 +50,20 @@ pub(in crate::capture) fn is_flagged(path: &Path) -> bool {
 /// read; the file is then as it was.
 pub fn repair(path: &Path) -> Result<Repair, CaptureError> {
     let io = |action| move |source| CaptureError::Io { file: path.into(), action, source };
+    if !is_flagged(path) {
+        let reader = CaptureReader::open(path, None, &Hints::default())?;
+        return match reader.info().kind {
+            CaptureKind::Hdf5 => Ok(Repair::NothingToDo),
+            kind @ (CaptureKind::Csv | CaptureKind::Wav) => Err(CaptureError::Content {
+                file: path.into(),
+                object: "the file".into(),
+                problem: format!(
+                    "this is {}, no recording of the daemon; nothing can be repaired",
+                    kind.name()
+                ),
+            }),
+        };
+    }
     let file = OpenOptions::new().read(true).write(true).open(path).map_err(io("open it"))?;
     if let Err(TryLockError::WouldBlock) = file.try_lock() {
         return Err(CaptureError::Content {
@@ -59,17 +74,21 @@ pub fn repair(path: &Path) -> Result<Repair, CaptureError> {
     }
     let found = superblock(&file).map_err(io("read it"))?;
     let Some((block, old)) = found.filter(|(block, _)| flagged(block)) else {
-        // Not ours to judge if it is no HDF5 file: reading says so.
-        CaptureReader::open(path, None, &Hints::default())?;
-        return Ok(Repair::NothingToDo);
+        return Ok(Repair::NothingToDo); // its recorder closed it meanwhile
     };
-    let length = file.metadata().map_err(io("look at it"))?.len();
+    let metadata = file.metadata().map_err(io("look at it"))?;
+    let length = metadata.len();
     if block.end_of_file_address > length {
         let declared = block.end_of_file_address;
         return Err(CaptureError::Truncated { file: path.into(), declared, found: length });
     }
     let closed = SuperblockV2V3 { file_consistency_flags: 0, end_of_file_address: length, ..block };
-    let write = |bytes: &[u8]| file.write_all_at(bytes, 0).and_then(|()| file.sync_all());
+    let write = |bytes: &[u8]| {
+        file.write_all_at(bytes, 0)?;
+        // The time of its last sample tells how old a recording is, not that of its repair.
+        metadata.modified().and_then(|at| file.set_modified(at))?;
+        file.sync_all()
+    };
     write(&closed.encode()).map_err(io("write its superblock"))?;
     // It says so itself from here on, and the reader wants a lock of its own.
     let _ = file.unlock();

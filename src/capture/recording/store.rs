@@ -1,12 +1,14 @@
 //! The folder of recordings: names, recovery at start, and the limit on its bytes.
 //!
 //! One folder a machine, `<machine>/<machine>-<number>.h5`. Shared by the recorders of all
-//! machines. Only finished files are ever removed, the oldest first.
+//! machines. Only finished recordings are ever removed, the oldest first: a file of another name, or
+//! without the mark of a recording, is none and is left alone.
 
 use super::super::error::CaptureError;
+use super::super::layout;
 use super::repair::{self, Repair};
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -72,6 +74,8 @@ pub struct Store {
     finished: BTreeMap<(SystemTime, PathBuf), u64>,
     /// Bytes of recordings being written.
     growing: BTreeMap<PathBuf, u64>,
+    /// Bytes of recordings put aside as damaged: they count, and only people remove them.
+    damaged_bytes: u64,
 }
 
 impl Store {
@@ -82,10 +86,12 @@ impl Store {
     #[must_use]
     pub fn open(root: &Path, max_bytes: u64) -> (Self, Vec<StoreEvent>) {
         let (finished, growing) = (BTreeMap::new(), BTreeMap::new());
-        let mut store = Self { root: root.to_owned(), max_bytes, finished, growing };
+        let root = root.to_owned();
+        let mut store = Self { root, max_bytes, finished, growing, damaged_bytes: 0 };
         let mut events = Vec::new();
-        for folder in entries(root, &mut events) {
-            if folder.is_dir() {
+        for folder in entries(&store.root, &mut events) {
+            // What a link leads to is not ours.
+            if fs::symlink_metadata(&folder).is_ok_and(|found| found.is_dir()) {
                 for file in entries(&folder, &mut events) {
                     store.take_in(file, &mut events);
                 }
@@ -96,18 +102,21 @@ impl Store {
     }
 
     fn take_in(&mut self, file: PathBuf, events: &mut Vec<StoreEvent>) {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name.starts_with('.') && name.ends_with(".part") {
-            events.push(match fs::remove_file(&file) {
-                Ok(()) => StoreEvent::TemporaryRemoved { file },
-                Err(error) => StoreEvent::Unusable { place: file, error },
-            });
-            return;
+        let Some(part) = part_of(&file) else { return };
+        let length = match fs::symlink_metadata(&file) {
+            Ok(found) if found.is_file() => found.len(),
+            Ok(_) => return,
+            Err(error) => return events.push(StoreEvent::Unusable { place: file, error }),
+        };
+        match part {
+            Part::Temporary => return events.extend(remove_abandoned(file)),
+            Part::Damaged => {
+                self.damaged_bytes = self.damaged_bytes.saturating_add(length);
+                return;
+            }
+            Part::Recording => {}
         }
-        if !name.ends_with(".h5") {
-            return;
-        }
-        if repair::is_flagged(&file) || fs::metadata(&file).is_ok_and(|found| found.len() == 0) {
+        if repair::is_flagged(&file) || length == 0 {
             match repair::repair(&file) {
                 Ok(Repair::NothingToDo) => {}
                 Ok(Repair::Repaired { samples }) => {
@@ -117,10 +126,14 @@ impl Store {
                 Err(CaptureError::Content { object, .. }) if object == "the file" => return,
                 Err(error) => {
                     let aside = put_aside(&file);
+                    self.damaged_bytes = self.damaged_bytes.saturating_add(length);
                     events.push(StoreEvent::Damaged { file, aside, error });
                     return;
                 }
             }
+        }
+        if !layout::is_recording(&file) {
+            return;
         }
         if let Err(error) = self.note_finished(&file) {
             events.push(StoreEvent::Unusable { place: file, error });
@@ -141,7 +154,7 @@ impl Store {
             let name = entry?.file_name().to_string_lossy().into_owned();
             highest = highest.max(number(&name, &machine).unwrap_or(0));
         }
-        Ok(folder.join(format!("{machine}-{:0DIGITS$}.h5", highest + 1)))
+        Ok(folder.join(format!("{machine}-{:0DIGITS$}.h5", highest.saturating_add(1))))
     }
 
     /// Notes how long a recording being written is; removes finished ones over the limit.
@@ -181,17 +194,69 @@ impl Store {
     }
 
     fn keep_limit(&mut self) -> Vec<StoreEvent> {
-        let mut events = Vec::new();
-        let mut total: u64 = self.finished.values().chain(self.growing.values()).sum();
+        let (mut events, mut stuck) = (Vec::new(), Vec::new());
+        let held = self.finished.values().chain(self.growing.values());
+        let mut total = held.fold(self.damaged_bytes, |sum, bytes| sum.saturating_add(*bytes));
         while total > self.max_bytes {
-            let Some(((_, file), bytes)) = self.finished.pop_first() else { break };
-            total -= bytes;
-            events.push(match fs::remove_file(&file) {
-                Ok(()) => StoreEvent::Removed { file, bytes },
-                Err(error) => StoreEvent::Unusable { place: file, error },
-            });
+            let Some(((at, file), bytes)) = self.finished.pop_first() else { break };
+            match fs::remove_file(&file) {
+                Ok(()) => {
+                    total -= bytes;
+                    events.push(StoreEvent::Removed { file, bytes });
+                }
+                Err(error) if error.kind() == io::ErrorKind::NotFound => total -= bytes,
+                Err(error) => {
+                    events.push(StoreEvent::Unusable { place: file.clone(), error });
+                    stuck.push(((at, file), bytes));
+                }
+            }
         }
+        // Still there, still counted, tried again the next time.
+        self.finished.extend(stuck);
         events
+    }
+}
+
+/// What a file in a machine's folder is to the store.
+enum Part {
+    Recording,
+    Temporary,
+    Damaged,
+}
+
+/// Tells by its name what a file is; `None`: nothing of ours.
+fn part_of(file: &Path) -> Option<Part> {
+    let name = file.file_name()?.to_str()?;
+    let folder = file.parent()?.file_name()?.to_str()?;
+    let rest = name.trim_start_matches('.').strip_prefix(folder)?.strip_prefix('-')?;
+    let (digits, rest) = rest.split_once('.')?;
+    if digits.len() < DIGITS || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
+        return None;
+    }
+    match (name.starts_with('.'), rest) {
+        (false, "h5") => Some(Part::Recording),
+        (false, "h5.damaged") => Some(Part::Damaged),
+        (true, rest) => {
+            let process = rest.strip_prefix("h5.")?.strip_suffix(".part")?;
+            process.bytes().all(|byte| byte.is_ascii_digit()).then_some(Part::Temporary)
+        }
+        (false, _) => None,
+    }
+}
+
+/// Removes a file that never was complete, unless its recorder, which holds a lock, is at work.
+fn remove_abandoned(file: PathBuf) -> Option<StoreEvent> {
+    let unlocked = fs::File::open(&file).and_then(|open| match open.try_lock() {
+        Ok(()) => Ok(true),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
+    });
+    match unlocked
+        .and_then(|free| if free { fs::remove_file(&file).map(|()| true) } else { Ok(false) })
+    {
+        Ok(true) => Some(StoreEvent::TemporaryRemoved { file }),
+        Ok(false) => None,
+        Err(error) => Some(StoreEvent::Unusable { place: file, error }),
     }
 }
 

@@ -8,6 +8,8 @@ use super::store::{Store, StoreEvent};
 use crate::capture::hints::Hints;
 use crate::capture::reader::{CaptureReader, Piece};
 use crate::capture::received::{NumberType, RawSamples, Received, ReceivedChannel};
+use crate::capture::writer::{CaptureHeader, CaptureWriter, ChannelHeader};
+use crate::capture::writer::{ChannelSamples, ChannelStorage};
 use crate::signal::{ChannelIndex, SampleIndex};
 use crate::units::Hz;
 use std::fs;
@@ -386,6 +388,63 @@ fn the_store_recovers_at_start_and_deletes_nothing_it_cannot_read() {
     assert_eq!(fs::read(folder.join("rig-1-00000001.h5.damaged")).unwrap(), bytes);
     assert_eq!(store.holdings("rig-1").n_files, 1);
     assert!(store.next_file("rig-1").unwrap().ends_with("rig-1-00000004.h5"));
+}
+
+#[test]
+fn the_store_takes_and_removes_nothing_but_recordings() {
+    let root = TempDir::new().unwrap();
+    let folder = root.path().join("rig-1");
+    fs::create_dir_all(&folder).unwrap();
+    let header = CaptureHeader::default();
+    let mut finished = CaptureWriter::create(&folder.join("rig-1-00000001.h5"), &header).unwrap();
+    let channel = ChannelHeader {
+        name: "x".to_owned(),
+        sample_rate: Hz(FAST_HZ),
+        unit: None,
+        sensor: None,
+        storage: ChannelStorage::Contiguous,
+    };
+    finished.channel(&channel, ChannelSamples::F32(&[0.0; 1000])).unwrap();
+    finished.finish().unwrap();
+    let ours = [".rig-1-00000007.h5.77.part"];
+    let others = ["archive.h5", ".sync.part", "rig-1-notes.h5", "rig-2-00000001.h5"];
+    for name in ours.iter().chain(&others) {
+        fs::write(folder.join(name), "x").unwrap();
+    }
+    let outside = TempDir::new().unwrap();
+    fs::write(outside.path().join("linked-00000001.h5"), "x").unwrap();
+    std::os::unix::fs::symlink(outside.path(), root.path().join("linked")).unwrap();
+    // Another recorder is at work here: what it has not yet named stays.
+    let live = Recorder::create(
+        &folder.join("rig-1-00000008.h5"),
+        &RecordingHeader::default(),
+        &channels(),
+        None,
+    )
+    .unwrap();
+    let (_, events) = Store::open(root.path(), 0);
+    assert!(matches!(events[..], [StoreEvent::TemporaryRemoved { .. }]), "{events:?}");
+    for name in others.iter().chain(&["rig-1-00000001.h5"]) {
+        assert!(folder.join(name).exists(), "{name}");
+    }
+    assert!(outside.path().join("linked-00000001.h5").exists());
+    drop(live);
+    assert!(!folder.join(ours[0]).exists());
+}
+
+#[test]
+fn a_repair_changes_nothing_but_the_flag() {
+    let root = TempDir::new().unwrap();
+    let path = killed(root.path());
+    let before = fs::metadata(&path).unwrap().modified().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    assert!(matches!(repair::repair(&path).unwrap(), Repair::Repaired { .. }));
+    assert_eq!(fs::metadata(&path).unwrap().modified().unwrap(), before, "keeps its age");
+    assert!(fs::read(&path).unwrap()[48..] == bytes[48..], "behind the superblock");
+    let table = root.path().join("x.csv");
+    fs::write(&table, "t,x\n0,1\n1,2\n2,3\n3,4\n").unwrap();
+    let error = repair::repair(&table).unwrap_err().to_string();
+    assert!(error.contains("no recording of the daemon"), "{error}");
 }
 
 #[test]
