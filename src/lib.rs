@@ -13,6 +13,7 @@ pub mod features;
 pub mod diagnosis;
 pub mod alarms;
 pub mod pipeline;
+pub mod simulator;
 pub mod capture;
 pub mod offline;
 pub mod ingest;

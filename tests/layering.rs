@@ -25,6 +25,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "pipeline",
         &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms"],
     ),
+    ("simulator", &["units", "signal", "machine"]),
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "capture"]),
