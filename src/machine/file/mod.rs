@@ -5,13 +5,14 @@
 //! a file. Keys and their ranges: `docs/machines.md`.
 //!
 //! `errors` holds the mistakes, `range` and `nearest` word what is allowed, `reader` takes values
-//! out of tables, `general`, `train` and `sensors` know the keys.
+//! out of tables, `general`, `train` and `sensors` know the keys. The simulator's scene files are
+//! read with the same `errors`, `range` and `reader`.
 
-mod errors;
-mod range;
+pub(crate) mod errors;
+pub(crate) mod range;
 mod nearest;
-mod reader;
-mod general;
+pub(crate) mod reader;
+pub(crate) mod general;
 mod parts;
 mod sensors;
 
@@ -54,7 +55,7 @@ const MAX_RECOVERY_BYTES: usize = 100_000;
 /// );
 /// ```
 pub fn parse(text: &str, file_name: &str) -> Result<Machine, MachineFileErrors> {
-    let mut log = Log::new(text, file_name);
+    let mut log = Log::new(text, file_name, "a machine file");
     if text.len() > MAX_TEXT_BYTES {
         log.report(
             0,
@@ -79,7 +80,7 @@ pub fn parse(text: &str, file_name: &str) -> Result<Machine, MachineFileErrors> 
 }
 
 /// Parses the TOML and notes its syntax errors; `None` when nothing is left to judge.
-fn parse_document<'t>(text: &'t str, log: &mut Log<'t>) -> Option<DeTable<'t>> {
+pub(crate) fn parse_document<'t>(text: &'t str, log: &mut Log<'t>) -> Option<DeTable<'t>> {
     let (document, errors) = if text.len() > MAX_RECOVERY_BYTES {
         match DeTable::parse(text) {
             Ok(document) => (Some(document.into_inner()), Vec::new()),
