@@ -66,8 +66,18 @@ const MAY_USE: &[(&str, &[&str])] = &[
 ];
 
 /// Modules that are pure and synchronous.
-const CORE: &[&str] =
-    &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms", "pipeline"];
+const CORE: &[&str] = &[
+    "units",
+    "signal",
+    "machine",
+    "dsp",
+    "buffer",
+    "features",
+    "diagnosis",
+    "alarms",
+    "pipeline",
+    "simulator",
+];
 
 /// What a core module may not mention.
 const OUTSIDE: &[&str] = &[

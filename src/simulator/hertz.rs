@@ -42,17 +42,8 @@ fn curvature_difference(kappa: f64) -> f64 {
 /// Smallest F(ρ) that is told from a circular contact: below, δ* = 1 within 1e-13.
 const CIRCULAR: f64 = 1e-6;
 
-/// Dimensionless approach δ* of a contact with curvature difference F(ρ), 0 ≤ F < 1 (R2).
-///
-/// `None` outside the range.
-#[must_use]
-pub fn dimensionless_approach(difference: f64) -> Option<f64> {
-    if !(0.0..1.0).contains(&difference) {
-        return None;
-    }
-    if difference < CIRCULAR {
-        return Some(1.0);
-    }
+/// Axis ratio κ > 1 of the contact ellipse of a curvature difference F(ρ), 0 < F < 1: R1 solved.
+fn axis_ratio(difference: f64) -> f64 {
     let (mut low, mut high) = (1e-12_f64, 30.0_f64); // ln κ
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
@@ -65,7 +56,21 @@ pub fn dimensionless_approach(difference: f64) -> Option<f64> {
             break;
         }
     }
-    let kappa = (0.5 * (low + high)).exp();
+    (0.5 * (low + high)).exp()
+}
+
+/// Dimensionless approach δ* of a contact with curvature difference F(ρ), 0 ≤ F < 1 (R2).
+///
+/// `None` outside the range.
+#[must_use]
+pub fn dimensionless_approach(difference: f64) -> Option<f64> {
+    if !(0.0..1.0).contains(&difference) {
+        return None;
+    }
+    if difference < CIRCULAR {
+        return Some(1.0);
+    }
+    let kappa = axis_ratio(difference);
     let (first, second) = complete_elliptic(1.0 - 1.0 / (kappa * kappa))?;
     Some(2.0 * first / PI * (PI / (2.0 * kappa * kappa * second)).cbrt())
 }
@@ -89,6 +94,31 @@ pub fn contact_factor(elastic: Elasticity, curvature_sum: f64, difference: f64) 
     let factor = 2.0 * std::f64::consts::SQRT_2 / 3.0 * modulus;
     let factor = factor / (curvature_sum.sqrt() * approach.powf(1.5));
     (factor.is_finite() && factor > 0.0).then_some(factor)
+}
+
+/// Load Q at which the largest pressure 3Q/(2πab) of one contact is `pressure_pa`, N (R14).
+///
+/// `curvature_sum` Σρ in 1/m, `difference` F(ρ). `None` if they are no contact.
+#[must_use]
+pub fn load_at_pressure(
+    elastic: Elasticity,
+    curvature_sum: f64,
+    difference: f64,
+    pressure_pa: f64,
+) -> Option<f64> {
+    if !(0.0..1.0).contains(&difference) {
+        return None;
+    }
+    let kappa = if difference < CIRCULAR { 1.0 + 1e-9 } else { axis_ratio(difference) };
+    let (_, second) = complete_elliptic(1.0 - 1.0 / (kappa * kappa))?;
+    // a·b of a load of 1 N, m²: a = (2κ²E/π)^⅓·s, b = (2E/(πκ))^⅓·s.
+    let compliance = 2.0 * (1.0 - elastic.poisson * elastic.poisson) / elastic.young_pa;
+    let scale = (1.5 / curvature_sum * compliance).cbrt();
+    let (major, minor) =
+        ((2.0 * kappa * kappa * second / PI).cbrt(), (2.0 * second / (PI * kappa)).cbrt());
+    let area = major * minor * scale * scale;
+    let load = (pressure_pa * PI * area / 1.5).powi(3);
+    (load.is_finite() && load > 0.0).then_some(load)
 }
 
 /// Two contacts in series (R4).
@@ -116,7 +146,7 @@ mod tests {
     fn elliptic_integrals_have_their_known_values() {
         // Abramowitz & Stegun, table 17.1: m = 0, 0.5, 0.99.
         for (m, first, second) in [
-            (0.0, 1.570_796_326_794_897, 1.570_796_326_794_897),
+            (0.0, 0.5 * PI, 0.5 * PI),
             (0.5, 1.854_074_677_301_372, 1.350_643_881_047_675),
             (0.99, 3.695_637_362_989_875, 1.015_993_545_025_224),
         ] {
@@ -154,6 +184,18 @@ mod tests {
             }
             assert!((curvature_difference(low.exp()) - difference).abs() < 1e-10, "{difference}");
         }
+    }
+
+    #[test]
+    fn a_ball_on_a_plane_yields_at_the_load_of_the_closed_form() {
+        // Sphere on plane: p = (6·Q·E*²/(π³·R²))^⅓ with E* = E/(2·(1 − ν²)).
+        let steel = Elasticity { young_pa: 206.8e9, poisson: 0.3 };
+        let (radius, pressure) = (4e-3, 4.2e9);
+        let modulus = 206.8e9 / (2.0 * 0.91);
+        let expected = pressure * pressure * pressure * PI.powi(3) * radius * radius
+            / (6.0 * modulus * modulus);
+        let found = load_at_pressure(steel, 2.0 / radius, 0.0, pressure).unwrap();
+        assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
     }
 
     #[test]

@@ -1,5 +1,11 @@
 //! The rig, simulated: shaft, discs, ball bearings with defects, and what sensors make of it.
 //!
+//! ```text
+//! text ─scene─▶ Scene ─build─▶ Model ─run (contacts, run-ups) or linear (exact)─▶ motion ─sensor─▶ samples
+//! ```
+//!
+//! [`scene::Scene::parse`], then [`simulation::Simulation`]; [`explain`] says what was modelled.
+//!
 //! A leaf: a scene in, samples out. The monitor does not know it exists, and it does not know the
 //! monitor. Pure and synchronous: time steps and the seed are arguments.
 
@@ -13,3 +19,8 @@ pub mod contact;
 pub mod model;
 pub mod run;
 pub mod sensor;
+pub mod linear;
+pub mod scene;
+pub mod build;
+pub mod simulation;
+pub mod explain;

@@ -133,6 +133,20 @@ impl Model {
         }
     }
 
+    /// Real and imaginary part of the force that turns with the shaft at constant speed, both planes:
+    /// the force is Re(F·e^{iφ}).
+    #[must_use]
+    pub fn turning_force(&self, speed_rad_per_s: f64) -> (Vec<f64>, Vec<f64>) {
+        let square = speed_rad_per_s * speed_rad_per_s;
+        let sum = |unbalance: &[f64], bow: &[f64]| -> Vec<f64> {
+            unbalance.iter().zip(bow).map(|(u, b)| square * u + b).collect()
+        };
+        let x = sum(&self.unbalance.along_x, &self.bow.along_x);
+        let y = sum(&self.unbalance.along_y, &self.bow.along_y);
+        let minus: Vec<f64> = x.iter().map(|x| -x).collect();
+        ([&x[..], &y[..]].concat(), [&y[..], &minus[..]].concat())
+    }
+
     /// The oscillators of both planes.
     #[must_use]
     pub fn oscillators(&self) -> Oscillators {

@@ -29,7 +29,7 @@ pub struct Run {
     model: Model,
     plan: Etdrk4,
     step_s: f64,
-    n_steps: u64,
+    n_steps: i64,
     q: Vec<f64>,
     v: Vec<f64>,
     start: Before,
@@ -70,6 +70,18 @@ impl Run {
             angles: Vec::new(),
             cuts_s: Vec::new(),
         }
+    }
+
+    /// Counts the steps from this one on: time 0 comes after as many steps as it lies below 0.
+    #[must_use]
+    pub fn beginning_at(mut self, first_step: i64) -> Self {
+        self.n_steps = first_step;
+        self
+    }
+
+    /// Exchanges loads and contacts; the motion goes on. The basis must stay the same.
+    pub fn change(&mut self, change: impl FnOnce(&mut Model)) {
+        change(&mut self.model);
     }
 
     /// Time at which the next step begins, s.
