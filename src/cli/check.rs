@@ -20,6 +20,10 @@ use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::kinematics;
 use crate::machine::report;
+use crate::simulator::explain;
+use crate::simulator::scene::Scene;
+use crate::simulator::scene::SceneErrors;
+use crate::simulator::simulation::Simulation;
 use crate::units::Hz;
 use clap::Args;
 use std::path::Path;
@@ -34,7 +38,7 @@ Examples:
   rotorwatch check --frequencies --speed 29.5 --resolution 0.5 rig.toml
 
 What a file is, its content decides: a capture is HDF5, a machine file has a table [machine], a
-configuration of the daemon [server], [pipeline], [[machine]] or [[source]]. Captures are read to
+scene [scene], a configuration of the daemon [server], [pipeline], [[machine]] or [[source]]. Captures are read to
 their last sample.
 
 Exit codes: 0 every file is right; 2 one is not. Every mistake is told with file, line, key and
@@ -43,7 +47,7 @@ what is allowed.";
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Machine files, configurations, captures.
+    /// Machine files, scenes, configurations, captures.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// List the lines of each machine: shafts, bearings, gears, supply.
@@ -74,6 +78,8 @@ enum CheckError {
     Input(#[from] InputError),
     #[error(transparent)]
     Machine(#[from] MachineFileErrors),
+    #[error(transparent)]
+    Scene(#[from] SceneErrors),
     #[error(transparent)]
     Configuration(#[from] ConfigErrors),
     #[error(transparent)]
@@ -113,6 +119,7 @@ fn check_all(arguments: &Arguments) -> Result<bool, OutputError> {
 fn tell(error: &CheckError) {
     match error {
         CheckError::Machine(mistakes) => super::tell_lines(mistakes),
+        CheckError::Scene(mistakes) => super::tell_lines(mistakes),
         CheckError::Configuration(mistakes) => super::tell_lines(mistakes),
         CheckError::Input(InputError::Mistakes(mistakes)) => super::tell_lines(mistakes),
         CheckError::Input(_)
@@ -136,6 +143,15 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
             ));
             lines(path, &machine, None, arguments, out)
         }
+        FileKind::Scene(text) => {
+            let scene = Scene::parse(&text, &name)?;
+            let simulation = Simulation::new(&scene, scene.seed)?;
+            out.push_str(&format!(
+                "{name}: scene file\n{}",
+                indented(&explain::explain(&simulation))
+            ));
+            Ok(())
+        }
         FileKind::Configuration => {
             let config = config::load(path)?;
             out.push_str(&configuration(&name, &config));
@@ -148,7 +164,7 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
         FileKind::Unknown(found) => Err(CheckError::Input(InputError::Kind {
             file: path.to_owned(),
             found,
-            wanted: "a machine file, a configuration or a capture",
+            wanted: "a machine file, a scene, a configuration or a capture",
             hint: "",
         })),
     }
