@@ -84,8 +84,11 @@ pub struct Plane {
     pub gyroscopic: DMatrix<f64>,
 }
 
-/// Two places closer than this are one node, m.
-const SAME_PLACE_M: f64 = 1e-9;
+/// Two places closer than this are one node, m: figures in inches and in millimetres differ so much.
+const SAME_PLACE_M: f64 = 1e-5;
+
+/// Shortest element a span is divided into, of the shaft's length: shorter ones cost digits.
+const SHORTEST_ELEMENT: f64 = 1.0 / 400.0;
 
 impl Rotor {
     /// Places that must be nodes, m, rising, ends included.
@@ -105,7 +108,11 @@ impl Rotor {
         let mut nodes = vec![places[0]];
         for span in places.windows(2) {
             let length = span[1] - span[0];
-            let parts = self.elements_per_span.max(1);
+            let fitting = (length / (SHORTEST_ELEMENT * self.length_m)).floor().max(1.0);
+            let parts = (1..=self.elements_per_span.max(1))
+                .rev()
+                .find(|parts| f64::from(*parts) <= fitting)
+                .unwrap_or(1);
             nodes.extend((1..=parts).map(|k| span[0] + length * f64::from(k) / f64::from(parts)));
         }
         nodes
@@ -197,6 +204,17 @@ pub(super) mod tests {
             stations_m: vec![10.5 * INCH],
             elements_per_span: n_elements / 6,
         }
+    }
+
+    #[test]
+    fn places_side_by_side_make_no_slivers() {
+        let mut rotor = rig(24);
+        let at_m = rotor.discs[0].at_m;
+        let n_nodes = rotor.assemble().nodes_m.len();
+        rotor.stations_m.push(at_m + 5e-6);
+        assert_eq!(rotor.assemble().nodes_m.len(), n_nodes, "one place");
+        rotor.stations_m.push(at_m + 1e-3);
+        assert_eq!(rotor.assemble().nodes_m.len(), n_nodes + 1, "one element of 1 mm");
     }
 
     #[test]

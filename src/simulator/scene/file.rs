@@ -1,7 +1,7 @@
 //! The document as a whole: order of reading, `[scene]`, `[speed]`, `[modes]`, `[machine]`.
 
 use super::lengths::number_or;
-use super::{MAX_TEXT_BYTES, MachineText, ModeChoice, Scene, SceneErrors, Start};
+use super::{MAX_TEXT_BYTES, MachineText, ModeChoice, Scene, SceneBearing, SceneErrors, Start};
 use super::{bearings, parts, sensors};
 use crate::machine::file;
 use crate::machine::file::errors::Log;
@@ -87,6 +87,7 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         .enumerate()
         .map(|(i, section)| bearings::read(section, ids.get(i), length_m))
         .collect();
+    refuse_same_place(&root, &bearings, length_m);
     let bow = root.table("bow", Need::Optional).map(|section| parts::bow(section, length_m));
     let unbalances: Vec<_> = root
         .tables("unbalance", Need::Optional)
@@ -131,6 +132,22 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         seed: head.seed,
         gravity_rad: head.gravity_rad,
     })
+}
+
+/// Bearings nearer to each other than this part of the shaft are one support.
+const APART: f64 = 1e-3;
+
+/// Two bearings at one place hold the shaft at one place.
+fn refuse_same_place(root: &Section<'_>, bearings: &[Option<SceneBearing>], length_m: f64) {
+    let known: Vec<&SceneBearing> = bearings.iter().flatten().collect();
+    for (i, bearing) in known.iter().enumerate() {
+        let near = |other: &&&SceneBearing| (other.at_m - bearing.at_m).abs() < APART * length_m;
+        if let Some(other) = known[..i].iter().find(near) {
+            let found = format!("bearings {} and {} at one place", other.id, bearing.id);
+            let allowed = "bearings at least a thousandth of the shaft's length apart";
+            root.log().report(root.at("bearing"), "bearing".to_owned(), found, allowed);
+        }
+    }
 }
 
 /// Gear meshes are part of the format, but not of the model yet.

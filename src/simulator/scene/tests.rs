@@ -126,6 +126,8 @@ fn what_cannot_be_is_refused_with_what_is_allowed() {
         let told = mistake(from, to);
         assert!(told.contains(expected), "{to}: {told}");
     }
+    let together = mistake("at_mm = 450.0", "at_mm = 50.1");
+    assert!(together.contains("found bearings left and right at one place"), "{together}");
     let one = SMALL.split("[[bearing]]\nid = \"right\"").next().unwrap();
     assert!(told(one).contains("at least 2 tables [[bearing]]"), "{}", told(one));
     assert!(told(&"#".repeat(MAX_TEXT_BYTES + 1)).contains("up to 60000 bytes"));
