@@ -8,6 +8,7 @@ use clap::Parser;
 use rotorwatch::cli::Cli;
 use rotorwatch::config;
 use rotorwatch::machine::file;
+use rotorwatch::simulator::scene::Scene;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,7 +16,7 @@ use std::path::Path;
 use std::path::PathBuf;
 
 /// Letters of the equation series in docs/theory.md.
-const SERIES: &str = "KDFCSJM";
+const SERIES: &str = "KDFCSJMR";
 
 /// A source file: its path in modules (`["dsp", "stats"]`) and its text.
 struct Source {
@@ -110,7 +111,10 @@ fn examples_in_the_documents_are_valid() {
     let (mut n_machines, mut n_configs) = (0, 0);
     for (place, text) in documents("") {
         for block in fenced(&text, "toml") {
-            if block.lines().any(|line| line == "[machine]") {
+            if block.lines().any(|line| line == "[scene]") {
+                let scene = Scene::parse(&block, &place);
+                assert!(scene.is_ok(), "{place}: {}", scene.unwrap_err());
+            } else if block.lines().any(|line| line == "[machine]") {
                 let machine = file::parse(&block, &place);
                 assert!(machine.is_ok(), "{place}: {}", machine.unwrap_err());
                 fs::write(folder.path().join("machine.toml"), &block).unwrap();

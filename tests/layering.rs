@@ -25,6 +25,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "pipeline",
         &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms"],
     ),
+    ("simulator", &["units", "signal", "machine"]),
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "capture"]),
@@ -65,8 +66,18 @@ const MAY_USE: &[(&str, &[&str])] = &[
 ];
 
 /// Modules that are pure and synchronous.
-const CORE: &[&str] =
-    &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms", "pipeline"];
+const CORE: &[&str] = &[
+    "units",
+    "signal",
+    "machine",
+    "dsp",
+    "buffer",
+    "features",
+    "diagnosis",
+    "alarms",
+    "pipeline",
+    "simulator",
+];
 
 /// What a core module may not mention.
 const OUTSIDE: &[&str] = &[

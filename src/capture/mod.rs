@@ -1,10 +1,10 @@
 //! Capture files: recordings in and out.
 //!
 //! [`reader`] streams a file as blocks of physical samples, converted once: HDF5 of our layout or,
-//! with a [`map`], of any other; CSV; WAV. [`writer`] makes finished files; `docs/hdf5.md` is the
-//! layout. A file is never believed: every declared size is checked against the file and a limit
-//! before anything is allocated from it. Must not know what the samples mean, and never reads ground
-//! truth (`/truth`, `label`-like attributes).
+//! with a [`map`], of any other; CSV; WAV. [`writer`] makes finished files, [`streaming`] those of any
+//! length; `docs/hdf5.md` is the layout. A file is never believed: every declared size is checked
+//! against the file and a limit before anything is allocated from it. Must not know what the samples
+//! mean, and never reads ground truth (`/truth`, `label`-like attributes).
 
 pub mod error;
 pub mod content;
@@ -16,6 +16,7 @@ pub mod received;
 pub mod reader;
 pub mod writer;
 pub mod recording;
+pub mod streaming;
 
 mod open;
 mod hdf5; // the only folder that names the crate

@@ -24,6 +24,10 @@ use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::kinematics;
 use crate::machine::report;
+use crate::simulator::explain;
+use crate::simulator::scene::Scene;
+use crate::simulator::scene::SceneErrors;
+use crate::simulator::simulation::Simulation;
 use crate::units::Hz;
 use clap::Args;
 use std::path::Path;
@@ -42,8 +46,8 @@ Examples:
   rotorwatch check --map drive_x=/data,column=0,rate=@fs export.mat
 
 What a file is, its content decides: a capture is HDF5, WAV or a table of numbers (CSV), a machine
-file has a table [machine], a configuration of the daemon [server], [pipeline], [[machine]] or
-[[source]]. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
+file has a table [machine], a scene [scene], a configuration of the daemon [server], [pipeline],
+[[machine]] or [[source]]. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
 options that name it otherwise.
 
 --repair closes recordings that their recorder left open because it was killed: one write of the
@@ -56,7 +60,7 @@ what is allowed.";
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Machine files, configurations, captures.
+    /// Machine files, scenes, configurations, captures.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// List the lines of each machine: shafts, bearings, gears, supply.
@@ -91,13 +95,15 @@ enum CheckError {
     #[error(transparent)]
     Machine(#[from] MachineFileErrors),
     #[error(transparent)]
+    Scene(#[from] SceneErrors),
+    #[error(transparent)]
     Configuration(#[from] ConfigErrors),
     #[error(transparent)]
     Map(#[from] MapError),
     #[error(transparent)]
     Capture(#[from] CaptureError),
     #[error(
-        "{}: this is {found}, not a machine file, a configuration or a capture{remedy}",
+        "{}: this is {found}, not a machine file, a scene, a configuration or a capture{remedy}",
         file.display()
     )]
     Unknown { file: PathBuf, found: &'static str, remedy: String },
@@ -136,6 +142,7 @@ fn check_all(arguments: &Arguments) -> Result<bool, OutputError> {
 fn tell(error: &CheckError) {
     match error {
         CheckError::Machine(mistakes) => super::tell_lines(mistakes),
+        CheckError::Scene(mistakes) => super::tell_lines(mistakes),
         CheckError::Configuration(mistakes) => super::tell_lines(mistakes),
         CheckError::Input(InputError::Mistakes(mistakes)) => super::tell_lines(mistakes),
         CheckError::Input(_)
@@ -164,6 +171,15 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
             ));
             ChannelMap::of_table(&machine.capture_map, &name)?;
             lines(path, &machine, None, arguments, out)
+        }
+        FileKind::Scene(text) => {
+            let scene = Scene::parse(&text, &name)?;
+            let simulation = Simulation::new(&scene, scene.seed)?;
+            out.push_str(&format!(
+                "{name}: scene file\n{}",
+                indented(&explain::explain(&simulation))
+            ));
+            Ok(())
         }
         FileKind::Configuration => {
             let config = config::load(path)?;

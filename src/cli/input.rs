@@ -21,6 +21,8 @@ pub enum FileKind {
     Capture,
     /// TOML with a table `[machine]`, and its text.
     Machine(String),
+    /// TOML with a table `[scene]`, and its text.
+    Scene(String),
     /// TOML with a table of the daemon or a list `[[machine]]`.
     Configuration,
     /// None of these: what stands there, and what to do, empty if nothing helps.
@@ -34,6 +36,7 @@ impl FileKind {
         match self {
             Self::Capture => "a capture",
             Self::Machine(_) => "a machine file",
+            Self::Scene(_) => "a scene",
             Self::Configuration => "a configuration of the daemon",
             Self::Unknown(what, _) => what,
         }
@@ -107,6 +110,9 @@ pub fn machine(path: &Path) -> Result<Machine, InputError> {
         FileKind::Capture => {
             Err(wrong(FileKind::Capture.name(), ": captures are named without an option"))
         }
+        FileKind::Scene(_) => {
+            Err(wrong("a scene", ": `rotorwatch simulate` takes it and writes a capture"))
+        }
         FileKind::Configuration => Err(wrong(
             FileKind::Configuration.name(),
             ": name the file that its [[machine]] names, or use `rotorwatch serve`",
@@ -124,6 +130,7 @@ pub fn not_a_capture(path: &Path) -> Option<InputError> {
     let hint = match found {
         FileKind::Machine(_) => ": name it with --machine",
         FileKind::Configuration => ": `rotorwatch serve --config` takes it",
+        FileKind::Scene(_) => ": `rotorwatch simulate` makes a capture of it",
         FileKind::Capture | FileKind::Unknown(..) => return None,
     };
     let (file, found) = (path.to_owned(), found.name());
@@ -141,7 +148,10 @@ fn kind_of_text(bytes: &[u8], whole: bool) -> FileKind {
         ),
         Err(_) => by_headings(text),
     };
-    if is_configuration {
+    // A scene may hold a table [machine], so it is asked for first.
+    if is_scene(text) {
+        FileKind::Scene(text.to_owned())
+    } else if is_configuration {
         FileKind::Configuration
     } else if is_machine {
         FileKind::Machine(text.to_owned())
@@ -149,10 +159,15 @@ fn kind_of_text(bytes: &[u8], whole: bool) -> FileKind {
         FileKind::Capture
     } else {
         FileKind::Unknown(
-            "a text file without a table [machine], [server], [pipeline] or [[source]], and without a table of numbers",
+            "a text file without a table [machine], [scene], [server], [pipeline] or [[source]], and without a table of numbers",
             "",
         )
     }
+}
+
+/// Whether a text has the table `[scene]`, right TOML or not.
+fn is_scene(text: &str) -> bool {
+    text.lines().any(|line| line.trim_start().starts_with("[scene]"))
 }
 
 /// What the headings of broken TOML say: whether it is a machine file, whether a configuration.
@@ -187,6 +202,7 @@ mod tests {
         assert!(matches!(kind_of(b"machine.id = 'm'\n"), FileKind::Machine(_)));
         assert_eq!(kind_of(b"[[machine]]\nfile = 'm.toml'\n"), FileKind::Configuration);
         assert_eq!(kind_of(b"[alarms]\n"), FileKind::Configuration);
+        assert!(matches!(kind_of(b"[scene]\n[machine]\nfile = 'm'\n"), FileKind::Scene(_)));
         for unknown in [&b""[..], b"\0\0", b"\xff\xfe", b"a,b\nc,d\n", b"[tool]\n"] {
             assert!(matches!(kind_of(unknown), FileKind::Unknown(..)), "{unknown:?}");
         }

@@ -12,6 +12,7 @@ pub mod report;
 pub mod diagnose;
 pub mod check;
 pub mod bearings;
+pub mod simulate;
 pub mod serve;
 pub mod demo;
 pub mod openapi;
@@ -37,6 +38,7 @@ Examples:
   rotorwatch demo
   rotorwatch check --frequencies rig.toml
   rotorwatch diagnose --machine rig.toml run-7.h5
+  rotorwatch simulate seed-bearing-40hz --out bad.h5
   rotorwatch serve --config rotorwatch.toml
 
 Environment:
@@ -74,12 +76,15 @@ pub enum Command {
     /// Say what captures show: which part is damaged, how badly, how sure that is and why
     #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
-    /// Check machine files, configurations and captures, and list a machine's frequencies
+    /// Check machine files, scenes, configurations and captures, and list a machine's frequencies
     #[command(after_help = check::EXAMPLES)]
     Check(check::Arguments),
     /// List bearings by designation: geometry, fault frequencies, how well they are known
     #[command(after_help = bearings::EXAMPLES)]
     Bearings(bearings::Arguments),
+    /// Run a scene, a file or a built-in one, and write a capture with its truth
+    #[command(after_help = simulate::EXAMPLES)]
+    Simulate(simulate::Arguments),
     /// Run the daemon: watch machines and answer over HTTP
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::Arguments),
@@ -112,6 +117,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Diagnose(arguments) => diagnose::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Bearings(arguments) => bearings::run(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),

@@ -7,7 +7,7 @@ const MAX_CHARS: usize = 64;
 ///
 /// Near enough: at most a third of the longer name's characters changed, inserted, left out or
 /// swapped with their neighbour; case does not count.
-pub(super) fn nearest<'n>(
+pub(crate) fn nearest<'n>(
     written: &str,
     names: impl IntoIterator<Item = &'n str>,
 ) -> Option<&'n str> {
@@ -27,7 +27,7 @@ pub(super) fn nearest<'n>(
 }
 
 /// Words the suggestion, or nothing.
-pub(super) fn suggestion<'n>(written: &str, names: impl IntoIterator<Item = &'n str>) -> String {
+pub(crate) fn suggestion<'n>(written: &str, names: impl IntoIterator<Item = &'n str>) -> String {
     nearest(written, names).map_or_else(String::new, |name| format!(" (did you mean `{name}`?)"))
 }
 

@@ -208,7 +208,7 @@ fn errors_name_the_line_and_the_remedy() {
     let checked = run(&dir, &["check", "x.mat", "words.csv", "back.csv", "no-rate.csv"]);
     assert_eq!(checked.status.code(), Some(2));
     for message in [
-        "error: x.mat: this is a MATLAB file of version 5, not a machine file, a configuration or a capture: save it",
+        "error: x.mat: this is a MATLAB file of version 5, not a machine file, a scene, a configuration or a capture: save it",
         "error: words.csv: this is a text file without a table",
         "error: back.csv:52: the time falls back",
         "error: no-rate.csv: no time column",

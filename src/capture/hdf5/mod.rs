@@ -390,6 +390,58 @@ impl NewGroup {
     }
 }
 
+impl NewGroup {
+    pub(super) fn text(&self, name: &str, value: &str) -> Result<(), LibraryError> {
+        guarded(|| self.inner.set_attr_string(name, value))
+    }
+
+    pub(super) fn number<T: H5Type>(&self, name: &str, value: T) -> Result<(), LibraryError> {
+        guarded(|| self.inner.set_attr_numeric(name, &value))
+    }
+
+    /// An empty data set that grows by chunks of so many elements.
+    pub(super) fn growing<T: H5Type>(
+        &self,
+        name: &str,
+        chunk: usize,
+    ) -> Result<GrowingDataset, LibraryError> {
+        guarded(|| {
+            let builder = self.inner.new_dataset::<T>().shape([0]).chunk(&[chunk]);
+            let inner = builder.max_shape(&[None]).create(name)?;
+            Ok::<_, ::hdf5::Hdf5Error>(GrowingDataset { dataset: NewDataset { inner } })
+        })
+    }
+}
+
+/// A data set that grows at its end.
+pub(super) struct GrowingDataset {
+    dataset: NewDataset,
+}
+
+impl std::fmt::Debug for GrowingDataset {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GrowingDataset").finish_non_exhaustive()
+    }
+}
+
+impl GrowingDataset {
+    /// Adds elements of the data set's own type.
+    pub(super) fn append<T: H5Type>(&self, data: &[T]) -> Result<(), LibraryError> {
+        if data.is_empty() {
+            return Ok(());
+        }
+        guarded(|| self.dataset.inner.append(data))
+    }
+
+    pub(super) fn text(&self, name: &str, value: &str) -> Result<(), LibraryError> {
+        self.dataset.text(name, value)
+    }
+
+    pub(super) fn number<T: H5Type>(&self, name: &str, value: T) -> Result<(), LibraryError> {
+        self.dataset.number(name, value)
+    }
+}
+
 /// A data set just written.
 pub(super) struct NewDataset {
     inner: H5Dataset,

@@ -66,9 +66,11 @@ impl std::error::Error for MachineFileErrors {}
 /// Gathers mistakes and notes while the document is walked.
 ///
 /// Shared by all sections, hence the inner mutability; never borrowed across a call.
-pub(super) struct Log<'t> {
+pub(crate) struct Log<'t> {
     text: &'t str,
     file_name: &'t str,
+    /// What the document is: `a machine file`.
+    kind: &'static str,
     /// Byte offset at which each line begins.
     line_starts: Vec<usize>,
     /// Lines with a syntax error; what else they seem to say is not to be trusted.
@@ -84,15 +86,15 @@ struct Gathered {
 }
 
 impl<'t> Log<'t> {
-    pub(super) fn new(text: &'t str, file_name: &'t str) -> Self {
+    pub(crate) fn new(text: &'t str, file_name: &'t str, kind: &'static str) -> Self {
         let line_starts =
             std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
         let (broken_lines, gathered) = Default::default();
-        Self { text, file_name, line_starts, broken_lines, gathered }
+        Self { text, file_name, kind, line_starts, broken_lines, gathered }
     }
 
     /// Notes a mistake at a byte offset.
-    pub(super) fn report(
+    pub(crate) fn report(
         &self,
         at: usize,
         path: String,
@@ -108,7 +110,7 @@ impl<'t> Log<'t> {
 
     /// Notes a mistake that a syntax error elsewhere may have caused: a missing key, an unknown
     /// reference, a contradiction. Silent when there is any.
-    pub(super) fn report_derived(
+    pub(crate) fn report_derived(
         &self,
         at: usize,
         path: String,
@@ -121,7 +123,7 @@ impl<'t> Log<'t> {
     }
 
     /// Notes a syntax error.
-    pub(super) fn syntax(&mut self, at: usize, message: &str) {
+    pub(crate) fn syntax(&mut self, at: usize, message: &str) {
         let (line, column) = self.place(at);
         let found = format!("broken TOML ({})", one_line(message));
         let allowed = "a TOML document".to_owned();
@@ -130,30 +132,35 @@ impl<'t> Log<'t> {
     }
 
     /// Notes a remark that is no mistake.
-    pub(super) fn note(&self, at: usize, path: &str, remark: &str) {
+    pub(crate) fn note(&self, at: usize, path: &str, remark: &str) {
         let (line, _) = self.place(at);
         self.gathered.borrow_mut().notes.push(format!("line {line}: {path}: {remark}"));
     }
 
     /// The text of a value as written, shortened.
-    pub(super) fn excerpt(&self, span: Range<usize>) -> String {
+    pub(crate) fn excerpt(&self, span: Range<usize>) -> String {
         one_line(self.text.get(span).unwrap_or_default())
     }
 
     /// Line of a byte offset, from 1.
-    pub(super) fn line(&self, at: usize) -> usize {
+    pub(crate) fn line(&self, at: usize) -> usize {
         self.place(at).0
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    /// What the document is.
+    pub(crate) fn kind(&self) -> &'static str {
+        self.kind
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
         self.gathered.borrow().mistakes.is_empty()
     }
 
-    pub(super) fn into_notes(self) -> Vec<String> {
+    pub(crate) fn into_notes(self) -> Vec<String> {
         self.gathered.into_inner().notes
     }
 
-    pub(super) fn into_errors(self) -> MachineFileErrors {
+    pub(crate) fn into_errors(self) -> MachineFileErrors {
         let Gathered { mut mistakes, n_omitted, .. } = self.gathered.into_inner();
         mistakes.sort();
         mistakes.dedup();
@@ -170,7 +177,7 @@ impl<'t> Log<'t> {
     }
 
     /// Line and column of a byte offset, both from 1.
-    fn place(&self, at: usize) -> (usize, usize) {
+    pub(crate) fn place(&self, at: usize) -> (usize, usize) {
         let line = self.line_starts.partition_point(|&start| start <= at).max(1);
         let before = self.text.get(self.line_starts[line - 1]..at).unwrap_or_default();
         (line, before.chars().count() + 1)
@@ -178,7 +185,7 @@ impl<'t> Log<'t> {
 }
 
 /// Puts text of the file on one short line: control characters escaped, the rest cut.
-pub(super) fn one_line(text: &str) -> String {
+pub(crate) fn one_line(text: &str) -> String {
     let mut line = String::new();
     for (n, char) in text.chars().enumerate() {
         if n == MAX_EXCERPT_CHARS {

@@ -11,7 +11,7 @@ use crate::machine::limits::{IsoGroup, Limits};
 use crate::machine::sensor::Sensor;
 
 /// Rule of identifiers: they appear in paths of the HTTP interface and in file names.
-pub(super) const ID: TextRule = TextRule {
+pub(crate) const ID: TextRule = TextRule {
     keeps: |text| {
         let allowed = |char: char| char.is_ascii_alphanumeric() || "-_.".contains(char);
         text.len() <= 64
@@ -22,13 +22,13 @@ pub(super) const ID: TextRule = TextRule {
 };
 
 /// Rule of texts for people.
-const NAME: TextRule = TextRule {
+pub(crate) const NAME: TextRule = TextRule {
     keeps: |text| is_plain(text, 200),
     allowed: "1 to 200 characters, no control characters",
 };
 
 /// Rule of channel names: they are names of HDF5 data sets.
-pub(super) const CHANNEL: TextRule = TextRule {
+pub(crate) const CHANNEL: TextRule = TextRule {
     keeps: |text| {
         is_plain(text, 128)
             && !text.contains('/')

@@ -5,12 +5,13 @@
 //! a file. Keys and their ranges: `docs/machines.md`.
 //!
 //! `errors` holds the mistakes, `range` words what is allowed, `reader` takes values
-//! out of tables, `general`, `train` and `sensors` know the keys.
+//! out of tables, `general`, `train` and `sensors` know the keys. The simulator's scene files are
+//! read with the same `errors`, `range` and `reader`.
 
-mod errors;
-mod range;
-mod reader;
-mod general;
+pub(crate) mod errors;
+pub(crate) mod range;
+pub(crate) mod reader;
+pub(crate) mod general;
 mod parts;
 mod sensors;
 
@@ -53,7 +54,7 @@ const MAX_RECOVERY_BYTES: usize = 100_000;
 /// );
 /// ```
 pub fn parse(text: &str, file_name: &str) -> Result<Machine, MachineFileErrors> {
-    let mut log = Log::new(text, file_name);
+    let mut log = Log::new(text, file_name, "a machine file");
     if text.len() > MAX_TEXT_BYTES {
         log.report(
             0,
@@ -78,7 +79,7 @@ pub fn parse(text: &str, file_name: &str) -> Result<Machine, MachineFileErrors> 
 }
 
 /// Parses the TOML and notes its syntax errors; `None` when nothing is left to judge.
-fn parse_document<'t>(text: &'t str, log: &mut Log<'t>) -> Option<DeTable<'t>> {
+pub(crate) fn parse_document<'t>(text: &'t str, log: &mut Log<'t>) -> Option<DeTable<'t>> {
     let (document, errors) = if text.len() > MAX_RECOVERY_BYTES {
         match DeTable::parse(text) {
             Ok(document) => (Some(document.into_inner()), Vec::new()),

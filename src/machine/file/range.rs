@@ -5,28 +5,28 @@ use std::ops::Bound;
 
 /// Numbers that a key allows; never NaN or infinite.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct NumberRange {
+pub(crate) struct NumberRange {
     low: Bound<f64>,
     high: Bound<f64>,
 }
 
 impl NumberRange {
     /// 0 < x ≤ `high`.
-    pub(super) const fn positive_up_to(high: f64) -> Self {
+    pub(crate) const fn positive_up_to(high: f64) -> Self {
         Self { low: Bound::Excluded(0.0), high: Bound::Included(high) }
     }
 
     /// `low` ≤ x ≤ `high`.
-    pub(super) const fn closed(low: f64, high: f64) -> Self {
+    pub(crate) const fn closed(low: f64, high: f64) -> Self {
         Self { low: Bound::Included(low), high: Bound::Included(high) }
     }
 
     /// `low` ≤ x < `high`.
-    pub(super) const fn from_to_below(low: f64, high: f64) -> Self {
+    pub(crate) const fn from_to_below(low: f64, high: f64) -> Self {
         Self { low: Bound::Included(low), high: Bound::Excluded(high) }
     }
 
-    pub(super) fn contains(self, value: f64) -> bool {
+    pub(crate) fn contains(self, value: f64) -> bool {
         let above = match self.low {
             Bound::Included(low) => value >= low,
             Bound::Excluded(low) => value > low,

@@ -17,7 +17,7 @@ const MAX_LISTED: usize = 10;
 
 /// Whether a key must be there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Need {
+pub(crate) enum Need {
     /// Its absence is a mistake.
     Required,
     /// It may be absent.
@@ -25,15 +25,15 @@ pub(super) enum Need {
 }
 
 /// A rule for text values.
-pub(super) struct TextRule {
+pub(crate) struct TextRule {
     /// Whether a text keeps the rule.
-    pub(super) keeps: fn(&str) -> bool,
+    pub(crate) keeps: fn(&str) -> bool,
     /// The rule in words.
-    pub(super) allowed: &'static str,
+    pub(crate) allowed: &'static str,
 }
 
 /// One table of the document, with the keys that were asked of it.
-pub(super) struct Section<'s> {
+pub(crate) struct Section<'s> {
     table: &'s DeTable<'s>,
     /// Byte offset at which it begins.
     at: usize,
@@ -43,7 +43,7 @@ pub(super) struct Section<'s> {
 }
 
 /// Identifiers of the tables of one kind, by place; `None` where a table has no valid one.
-pub(super) struct Ids<'s> {
+pub(crate) struct Ids<'s> {
     /// As in a reference: `shaft`.
     name: &'static str,
     ids: Vec<Option<&'s str>>,
@@ -52,45 +52,50 @@ pub(super) struct Ids<'s> {
 
 impl<'s> Section<'s> {
     /// The document itself.
-    pub(super) fn root(table: &'s DeTable<'s>, log: &'s Log<'s>) -> Self {
+    pub(crate) fn root(table: &'s DeTable<'s>, log: &'s Log<'s>) -> Self {
         Self { table, at: 0, path: String::new(), log, known: Vec::new() }
     }
 
-    pub(super) fn log(&self) -> &'s Log<'s> {
+    pub(crate) fn log(&self) -> &'s Log<'s> {
         self.log
     }
 
-    pub(super) fn path(&self) -> &str {
+    pub(crate) fn path(&self) -> &str {
         &self.path
     }
 
     /// Byte offset of a key's value; of the table itself when the key is absent.
-    pub(super) fn at(&self, key: &str) -> usize {
+    pub(crate) fn at(&self, key: &str) -> usize {
         self.table.get(key).map_or(self.at, |value| value.span().start)
     }
 
-    pub(super) fn has(&self, key: &str) -> bool {
+    pub(crate) fn has(&self, key: &str) -> bool {
         self.table.contains_key(key)
     }
 
+    /// Byte offset at which the table begins.
+    pub(crate) fn start(&self) -> usize {
+        self.at
+    }
+
     /// Path of a key of this table.
-    pub(super) fn path_of(&self, key: &str) -> String {
+    pub(crate) fn path_of(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
     /// Reports the value of a key, as written, as not allowed.
-    pub(super) fn refuse(&self, key: &str, allowed: impl Into<String>) {
+    pub(crate) fn refuse(&self, key: &str, allowed: impl Into<String>) {
         let found = self.table.get(key).map_or("nothing".to_owned(), |value| self.found(value));
         self.log.report(self.at(key), self.path_of(key), found, allowed);
     }
 
     /// Reports a key as missing.
-    pub(super) fn missing(&self, key: &str, allowed: impl Into<String>) {
+    pub(crate) fn missing(&self, key: &str, allowed: impl Into<String>) {
         self.log.report_derived(self.at, self.path_of(key), "nothing", allowed);
     }
 
     /// A finite number within `range`.
-    pub(super) fn number(
+    pub(crate) fn number(
         &mut self,
         key: &'static str,
         need: Need,
@@ -102,7 +107,7 @@ impl<'s> Section<'s> {
     }
 
     /// A whole number within `range`.
-    pub(super) fn whole(
+    pub(crate) fn whole(
         &mut self,
         key: &'static str,
         need: Need,
@@ -119,13 +124,13 @@ impl<'s> Section<'s> {
     }
 
     /// `true` or `false`.
-    pub(super) fn flag(&mut self, key: &'static str) -> Option<bool> {
+    pub(crate) fn flag(&mut self, key: &'static str) -> Option<bool> {
         let value = self.value(key, Need::Optional, &"true or false")?;
         self.or_refuse(key, value.get_ref().as_bool(), &"true or false")
     }
 
     /// A text that keeps `rule`.
-    pub(super) fn text(
+    pub(crate) fn text(
         &mut self,
         key: &'static str,
         need: Need,
@@ -137,7 +142,7 @@ impl<'s> Section<'s> {
     }
 
     /// One of the spellings of `choices`.
-    pub(super) fn choice<T: Copy>(
+    pub(crate) fn choice<T: Copy>(
         &mut self,
         key: &'static str,
         need: Need,
@@ -153,7 +158,7 @@ impl<'s> Section<'s> {
     }
 
     /// The place of the table whose identifier stands here.
-    pub(super) fn reference(
+    pub(crate) fn reference(
         &mut self,
         key: &'static str,
         need: Need,
@@ -181,7 +186,7 @@ impl<'s> Section<'s> {
     }
 
     /// `[low, high]`, two numbers of `range`, low < high.
-    pub(super) fn interval(&mut self, key: &'static str, range: NumberRange) -> Option<(f64, f64)> {
+    pub(crate) fn interval(&mut self, key: &'static str, range: NumberRange) -> Option<(f64, f64)> {
         let allowed = format!("[low, high], each {range}, low below high");
         let value = self.value(key, Need::Optional, &allowed)?;
         let ends = value.get_ref().as_array().and_then(|array| match array.as_ref() {
@@ -193,8 +198,33 @@ impl<'s> Section<'s> {
         self.or_refuse(key, fits, &allowed)
     }
 
+    /// `[[a, b, …], …]`: rows of `width` finite numbers, at least one and at most [`MAX_TABLES`].
+    pub(crate) fn rows(
+        &mut self,
+        key: &'static str,
+        need: Need,
+        width: usize,
+        allowed: &str,
+    ) -> Option<Vec<Vec<f64>>> {
+        let value = self.value(key, need, &allowed)?;
+        let row = |value: &Spanned<DeValue<'_>>| {
+            let entries = value.get_ref().as_array().filter(|row| row.len() == width)?;
+            let numbers = entries.iter().map(|entry| number_of(entry.get_ref()));
+            numbers.map(|number| number.filter(|number| number.is_finite())).collect()
+        };
+        let array =
+            value.get_ref().as_array().filter(|rows| (1..=MAX_TABLES).contains(&rows.len()));
+        let rows = array.and_then(|array| array.iter().map(row).collect::<Option<Vec<_>>>());
+        self.or_refuse(key, rows, &allowed)
+    }
+
+    /// Whether the value of a key is an array.
+    pub(crate) fn is_array(&self, key: &str) -> bool {
+        self.table.get(key).is_some_and(|value| value.get_ref().is_array())
+    }
+
     /// A table: `[key]` or `key = { … }`.
-    pub(super) fn table(&mut self, key: &'static str, need: Need) -> Option<Self> {
+    pub(crate) fn table(&mut self, key: &'static str, need: Need) -> Option<Self> {
         let value = self.value(key, need, &"a table")?;
         let table = self.or_refuse(key, value.get_ref().as_table(), &"a table")?;
         let (at, path) = (value.span().start, self.path_of(key));
@@ -202,7 +232,7 @@ impl<'s> Section<'s> {
     }
 
     /// The tables of `[[key]]`, up to [`MAX_TABLES`].
-    pub(super) fn tables(&mut self, key: &'static str, need: Need) -> Vec<Self> {
+    pub(crate) fn tables(&mut self, key: &'static str, need: Need) -> Vec<Self> {
         let allowed = format!("1 to {MAX_TABLES} tables [[{key}]]");
         let value = self.value(key, need, &allowed);
         let Some(array) = value.and_then(|value| self.array(key, value, &allowed)) else {
@@ -227,7 +257,7 @@ impl<'s> Section<'s> {
     }
 
     /// Every key of a table of free keys, with its text; keys and texts must keep their rules.
-    pub(super) fn texts(
+    pub(crate) fn texts(
         self,
         key_rule: &TextRule,
         text_rule: &TextRule,
@@ -253,14 +283,14 @@ impl<'s> Section<'s> {
     }
 
     /// Reports every key that was never asked for.
-    pub(super) fn finish(&self) {
+    pub(crate) fn finish(&self) {
         for (key, _) in self.table {
             let name: &str = key.get_ref();
             if self.known.contains(&name) {
                 continue;
             }
             let hint = suggestion(name, self.known.iter().copied());
-            let place = if self.path.is_empty() { "a machine file" } else { self.path.as_str() };
+            let place = if self.path.is_empty() { self.log.kind() } else { self.path.as_str() };
             self.log.report(
                 key.span().start,
                 self.path_of(&one_line(name)),
@@ -318,7 +348,7 @@ impl<'s> Section<'s> {
 
 impl<'s> Ids<'s> {
     /// Reads `key` of every section as its identifier and reports those used twice.
-    pub(super) fn read(
+    pub(crate) fn read(
         name: &'static str,
         key: &'static str,
         sections: &mut [Section<'s>],
@@ -342,7 +372,7 @@ impl<'s> Ids<'s> {
     }
 
     /// The identifier of the table at a place.
-    pub(super) fn get(&self, index: usize) -> Option<&'s str> {
+    pub(crate) fn get(&self, index: usize) -> Option<&'s str> {
         self.ids.get(index).copied().flatten()
     }
 

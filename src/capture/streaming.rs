@@ -1,0 +1,414 @@
+//! Writes captures of any length in constant memory: channels grow block by block.
+//!
+//! As [`super::writer`] does, a file is complete and durable under its name, or not there at all.
+
+use super::error::{CaptureError, LibraryError};
+use super::hdf5::{GrowingDataset, NewFile, NewGroup};
+use super::layout::{FORMAT, VERSION};
+use super::writer::CaptureHeader;
+use crate::units::{Hz, SourceUnit};
+use std::fs::{self, OpenOptions};
+use std::path::{Path, PathBuf};
+
+/// Samples of a chunk: 32 to 128 kB, and at most this much of a channel is held back.
+pub const CHUNK_SAMPLES: usize = 16_384;
+
+/// Longest text of the truth, bytes: an attribute holds 64 kB with its name.
+pub const MAX_TRUTH_BYTES: usize = 65_000;
+
+/// Number type of a growing channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GrowingType {
+    /// Counts of 16 bits; physical = raw·scale + offset.
+    I16 {
+        /// Physical units a count.
+        scale: f64,
+        /// Physical value of count 0.
+        offset: f64,
+    },
+    /// Physical values, single precision.
+    F32,
+    /// Physical values, double precision.
+    F64,
+}
+
+/// What a growing channel states about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GrowingChannel {
+    /// Name: not empty, without `/`.
+    pub name: String,
+    /// Samples a second.
+    pub sample_rate: Hz,
+    /// Unit of physical values, one of [`SourceUnit::ACCEPTED`].
+    pub unit: Option<String>,
+    /// What measures it, for people.
+    pub sensor: Option<String>,
+    /// Number type.
+    pub number: GrowingType,
+}
+
+/// Samples to be added to a channel of the same number type.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GrowingSamples<'a> {
+    /// Counts.
+    I16(&'a [i16]),
+    /// Physical values.
+    F32(&'a [f32]),
+    /// Physical values.
+    F64(&'a [f64]),
+}
+
+/// What a simulation knows and no diagnosis may read: the group `/truth`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Truth {
+    /// Text attributes by name.
+    pub texts: Vec<(String, String)>,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// A channel with the samples that do not fill a chunk yet.
+#[derive(Debug)]
+struct Column {
+    name: String,
+    dataset: GrowingDataset,
+    held: Held,
+    n_samples: u64,
+}
+
+#[derive(Debug)]
+enum Held {
+    I16(Vec<i16>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+}
+
+/// A capture being written under a temporary name beside its own; its channels grow.
+///
+/// Without [`StreamingWriter::finish`] nothing remains.
+pub struct StreamingWriter {
+    path: PathBuf,
+    temporary: PathBuf,
+    columns: Vec<Column>,
+    channels: Option<NewGroup>,
+    file: Option<NewFile>,
+}
+
+impl std::fmt::Debug for StreamingWriter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("StreamingWriter").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+impl StreamingWriter {
+    /// Starts a capture that will replace `path`.
+    ///
+    /// # Errors
+    ///
+    /// [`CaptureError::Write`] if the folder cannot be written, [`CaptureError::Content`] for a
+    /// start time, which these captures have none of, or a truth that is too long.
+    pub fn create(
+        path: &Path,
+        header: &CaptureHeader,
+        truth: &Truth,
+    ) -> Result<Self, CaptureError> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+        let mut writer =
+            Self { path: path.into(), temporary, columns: Vec::new(), channels: None, file: None };
+        if header.start_time.is_some() {
+            return Err(writer.content("start_time", "a simulated capture has none".into()));
+        }
+        if let Some((name, text)) = truth.texts.iter().find(|t| t.1.len() > MAX_TRUTH_BYTES) {
+            let problem = format!("{} bytes; up to {MAX_TRUTH_BYTES} are written", text.len());
+            return Err(writer.content(&format!("truth/{name}"), problem));
+        }
+        let failed = |source| writer.write_error("the file", source);
+        let file = NewFile::create(&writer.temporary).map_err(failed)?;
+        let declare = || {
+            file.text("format", FORMAT)?;
+            file.number("version", i64::from(VERSION))?;
+            if let Some(text) = &header.machine {
+                file.text("machine", text)?;
+            }
+            if let Some(speed) = header.shaft_speed {
+                file.number("shaft_speed_hz", speed.0)?;
+            }
+            let group = file.group("truth")?;
+            for (name, text) in &truth.texts {
+                group.text(name, text)?;
+            }
+            group.number("seed", truth.seed)?;
+            file.group("channels")
+        };
+        let channels = declare().map_err(failed);
+        writer.file = Some(file);
+        writer.channels = Some(channels?);
+        Ok(writer)
+    }
+
+    /// Declares the next channel; channels are numbered from 0 in this order.
+    ///
+    /// # Errors
+    ///
+    /// [`CaptureError::Content`] for a name, rate, unit or scale that no reader would accept,
+    /// [`CaptureError::Write`] if the disk or the library refuses.
+    pub fn channel(&mut self, channel: &GrowingChannel) -> Result<(), CaptureError> {
+        let object = format!("channels/{}", channel.name);
+        check(channel).map_err(|problem| self.content(&object, problem))?;
+        let Some(group) = &self.channels else {
+            return Err(self.content(&object, "the capture is finished".into()));
+        };
+        let made = declare(group, channel).map_err(|source| self.write_error(&object, source))?;
+        self.columns.push(made);
+        Ok(())
+    }
+
+    /// Adds samples to the channel of this number.
+    ///
+    /// # Errors
+    ///
+    /// [`CaptureError::Content`] for a channel there is none of, or samples of another type,
+    /// [`CaptureError::Write`] if the disk or the library refuses.
+    pub fn append(
+        &mut self,
+        channel: usize,
+        samples: GrowingSamples<'_>,
+    ) -> Result<(), CaptureError> {
+        let Some(column) = self.columns.get_mut(channel) else {
+            let object = format!("channel {channel}");
+            return Err(self.content(&object, "there is none of this number".into()));
+        };
+        let name = format!("channels/{}", column.name);
+        match column.take(samples) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(self.content(&name, "samples of another number type".into())),
+            Err(source) => Err(self.write_error(&name, source)),
+        }
+    }
+
+    /// Completes the file, waits until it is on the disk and gives it its name.
+    ///
+    /// # Errors
+    ///
+    /// [`CaptureError::Content`] for a channel without samples, [`CaptureError::Write`] or
+    /// [`CaptureError::Io`]; an older file of that name is then untouched.
+    pub fn finish(mut self) -> Result<(), CaptureError> {
+        for mut column in std::mem::take(&mut self.columns) {
+            let name = format!("channels/{}", column.name);
+            let flushed = column.flush(1);
+            let is_empty = column.n_samples == 0;
+            flushed.map_err(|source| self.write_error(&name, source))?;
+            if is_empty {
+                return Err(self.content(&name, "no samples".into()));
+            }
+        }
+        self.channels = None;
+        if let Some(file) = self.file.take() {
+            file.close().map_err(|source| self.write_error("the file", source))?;
+        }
+        let io = |action| {
+            let file = self.path.clone();
+            move |source| CaptureError::Io { file, action, source }
+        };
+        let sync = |path: &Path| OpenOptions::new().read(true).open(path)?.sync_all();
+        sync(&self.temporary).map_err(io("flush it to the disk"))?;
+        fs::rename(&self.temporary, &self.path).map_err(io("give it its name"))?;
+        let folder = match self.path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        sync(folder).map_err(io("flush its folder to the disk"))
+    }
+
+    fn content(&self, object: &str, problem: String) -> CaptureError {
+        CaptureError::Content { file: self.path.clone(), object: object.into(), problem }
+    }
+
+    fn write_error(&self, object: &str, source: LibraryError) -> CaptureError {
+        CaptureError::Write { file: self.path.clone(), object: object.into(), source }
+    }
+}
+
+impl Drop for StreamingWriter {
+    /// Removes the temporary file; after [`StreamingWriter::finish`] there is none.
+    fn drop(&mut self) {
+        self.columns.clear();
+        self.channels = None;
+        if let Some(file) = self.file.take() {
+            // Closing an abandoned file may fail; it is removed in either case.
+            let _ = file.close();
+        }
+        let _ = fs::remove_file(&self.temporary);
+    }
+}
+
+impl Column {
+    /// Takes samples and writes whole chunks; `false` for samples of another type.
+    fn take(&mut self, samples: GrowingSamples<'_>) -> Result<bool, LibraryError> {
+        let n = match (&mut self.held, samples) {
+            (Held::I16(held), GrowingSamples::I16(samples)) => {
+                held.extend_from_slice(samples);
+                samples.len()
+            }
+            (Held::F32(held), GrowingSamples::F32(samples)) => {
+                held.extend_from_slice(samples);
+                samples.len()
+            }
+            (Held::F64(held), GrowingSamples::F64(samples)) => {
+                held.extend_from_slice(samples);
+                samples.len()
+            }
+            _ => return Ok(false),
+        };
+        self.n_samples += n as u64;
+        self.flush(CHUNK_SAMPLES).map(|()| true)
+    }
+
+    /// Writes as many whole pieces of `piece` samples as are held.
+    fn flush(&mut self, piece: usize) -> Result<(), LibraryError> {
+        let whole = |n: usize| n - n % piece;
+        match &mut self.held {
+            Held::I16(held) => {
+                let n = whole(held.len());
+                self.dataset.append(&held[..n])?;
+                held.drain(..n);
+            }
+            Held::F32(held) => {
+                let n = whole(held.len());
+                self.dataset.append(&held[..n])?;
+                held.drain(..n);
+            }
+            Held::F64(held) => {
+                let n = whole(held.len());
+                self.dataset.append(&held[..n])?;
+                held.drain(..n);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn declare(group: &NewGroup, channel: &GrowingChannel) -> Result<Column, LibraryError> {
+    let name = &channel.name;
+    let (dataset, held) = match channel.number {
+        GrowingType::I16 { .. } => {
+            (group.growing::<i16>(name, CHUNK_SAMPLES)?, Held::I16(Vec::new()))
+        }
+        GrowingType::F32 => (group.growing::<f32>(name, CHUNK_SAMPLES)?, Held::F32(Vec::new())),
+        GrowingType::F64 => (group.growing::<f64>(name, CHUNK_SAMPLES)?, Held::F64(Vec::new())),
+    };
+    dataset.number("sample_rate_hz", channel.sample_rate.0)?;
+    if let Some(unit) = &channel.unit {
+        dataset.text("unit", unit)?;
+    }
+    if let Some(sensor) = &channel.sensor {
+        dataset.text("sensor", sensor)?;
+    }
+    if let GrowingType::I16 { scale, offset } = channel.number {
+        dataset.number("scale", scale)?;
+        dataset.number("offset", offset)?;
+    }
+    Ok(Column { name: name.clone(), dataset, held, n_samples: 0 })
+}
+
+fn check(channel: &GrowingChannel) -> Result<(), String> {
+    if channel.name.is_empty() || channel.name.contains('/') || channel.name == "." {
+        return Err("a channel's name must be a text without /".into());
+    }
+    let rate = channel.sample_rate.0;
+    if !(rate.is_finite() && rate > 0.0) {
+        return Err(format!("sample rate {rate} Hz; it must be a finite number above 0"));
+    }
+    if let Some(unit) = channel.unit.as_deref().filter(|unit| SourceUnit::parse(unit).is_none()) {
+        return Err(format!("unit \"{unit}\" is none of {}", SourceUnit::ACCEPTED.join(", ")));
+    }
+    match channel.number {
+        GrowingType::I16 { scale, offset }
+            if !(scale.is_finite() && scale.abs() > 0.0 && offset.is_finite()) =>
+        {
+            Err(format!("scale {scale}, offset {offset}; finite numbers, scale not 0"))
+        }
+        GrowingType::I16 { .. } | GrowingType::F32 | GrowingType::F64 => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::hints::Hints;
+    use super::super::reader::CaptureReader;
+    use super::*;
+
+    fn channel(name: &str, number: GrowingType) -> GrowingChannel {
+        GrowingChannel {
+            name: name.into(),
+            sample_rate: Hz(1000.0),
+            unit: Some("m/s^2".into()),
+            sensor: None,
+            number,
+        }
+    }
+
+    fn truth() -> Truth {
+        Truth { texts: vec![("scene".into(), "[scene]".into())], seed: 7 }
+    }
+
+    fn write(path: &Path, pieces: usize) {
+        let header = CaptureHeader { machine: Some("text".into()), ..CaptureHeader::default() };
+        let mut writer = StreamingWriter::create(path, &header, &truth()).unwrap();
+        writer.channel(&channel("a", GrowingType::I16 { scale: 0.5, offset: 1.0 })).unwrap();
+        writer.channel(&channel("b", GrowingType::F64)).unwrap();
+        let counts: Vec<i16> = (0..40_000_u16).map(|i| i16::try_from(i % 1000).unwrap()).collect();
+        let values: Vec<f64> = (0..40_000_u32).map(f64::from).collect();
+        for (a, b) in counts.chunks(40_000 / pieces).zip(values.chunks(40_000 / pieces)) {
+            writer.append(0, GrowingSamples::I16(a)).unwrap();
+            writer.append(1, GrowingSamples::F64(b)).unwrap();
+        }
+        let wrong = writer.append(1, GrowingSamples::F32(&[1.0])).unwrap_err().to_string();
+        assert!(wrong.contains("another number type"), "{wrong}");
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn what_grew_is_read_back_and_is_the_same_however_it_was_cut() {
+        let dir = tempfile::tempdir().unwrap();
+        let (one, many) = (dir.path().join("one.h5"), dir.path().join("many.h5"));
+        write(&one, 1);
+        write(&many, 125);
+        let again = dir.path().join("again.h5");
+        write(&again, 125);
+        assert!(fs::read(&again).unwrap() == fs::read(&many).unwrap(), "bit by bit");
+        check_read_back(&one);
+        check_read_back(&many);
+    }
+
+    fn check_read_back(path: &Path) {
+        let mut reader = CaptureReader::open(path, None, &Hints::default()).unwrap();
+        let mut sums = [0.0_f64; 2];
+        let mut n = [0_usize; 2];
+        while let Some(block) = reader.next_block().unwrap() {
+            let i = block.channel.0;
+            sums[i] += block.samples.iter().map(|x| f64::from(*x)).sum::<f64>();
+            n[i] += block.samples.len();
+        }
+        assert_eq!(n, [40_000, 40_000]);
+        // 40 times 0…999, half of it; the offset of 1 the reader keeps apart. 0…39 999 (whole numbers
+        // are exact in f32).
+        let expected = [40.0 * 499_500.0 * 0.5, 40_000.0 * 39_999.0 / 2.0];
+        for (sum, expected) in sums.iter().zip(expected) {
+            assert!((sum / expected - 1.0).abs() < 1e-9, "{sum} {expected}");
+        }
+    }
+
+    #[test]
+    fn nothing_remains_of_what_was_not_finished() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x.h5");
+        let mut writer =
+            StreamingWriter::create(&path, &CaptureHeader::default(), &truth()).unwrap();
+        writer.channel(&channel("a", GrowingType::F32)).unwrap();
+        let text = writer.finish().unwrap_err().to_string();
+        assert!(text.ends_with("channels/a: no samples"), "{text}");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,133 @@
+//! What a simulation models, what it leaves out and why, in words.
+
+use super::build::{self, Plan};
+use super::scene::{BearingKind, Scene, Start};
+use super::simulation::Simulation;
+use super::speed::SpeedProfile;
+use std::fmt::Write;
+
+/// Describes a simulation for people: one statement a line.
+#[must_use]
+pub fn explain(simulation: &Simulation) -> String {
+    let (scene, plan) = (simulation.scene(), simulation.plan());
+    let mut text = format!("scene {}: {} s", scene.name, scene.duration_s);
+    let channels: Vec<_> = simulation.channels().map(|c| c.name.as_str()).collect();
+    // Writing to a text cannot fail.
+    let _ = writeln!(text, ", {} channels ({})", channels.len(), channels.join(", "));
+    text.push_str("modelled:\n");
+    for line in modelled(scene, plan) {
+        let _ = writeln!(text, "  {line}");
+    }
+    text.push_str("left out:\n");
+    for line in left_out(scene, plan) {
+        let _ = writeln!(text, "  {line}");
+    }
+    let _ = writeln!(text, "computed:\n  {}", computed(plan));
+    let _ = writeln!(text, "  {}", started(scene, plan));
+    text
+}
+
+fn modelled(scene: &Scene, plan: &Plan) -> Vec<String> {
+    let lowest: Vec<String> = plan.lowest_hz.iter().map(|hz| format!("{hz:.2}")).collect();
+    let mut lines = vec![
+        format!(
+            "shaft and {} discs: {} degrees of freedom a plane, reduced to {} modes (lowest {} Hz, highest {:.0} Hz; \
+             sensors see up to {:.0} Hz) and {} static attachment shapes",
+            scene.discs.len(),
+            plan.n_dof,
+            plan.n_modes,
+            lowest.join(", "),
+            plan.highest_hz,
+            build::band_hz(scene),
+            plan.n_attachments
+        ),
+        format!("damping ratio {} of every shape", scene.modes.damping),
+    ];
+    for bearing in &scene.bearings {
+        lines.push(match &bearing.kind {
+            BearingKind::Ball(ball) => format!(
+                "bearing {}: {} balls, K = {:.4e} N/m^1.5, {} {:.3} µm, damping {} N·s/m, {} defects",
+                bearing.id,
+                ball.bearing.balls,
+                ball.bearing.contact_factor,
+                if ball.bearing.clearance_m < 0.0 { "interference" } else { "radial clearance" },
+                ball.bearing.clearance_m.abs() * 1e6,
+                ball.bearing.damping_n_s_per_m,
+                ball.defects.len()
+            ),
+            BearingKind::Linear { .. } => format!("bearing {}: linear", bearing.id),
+        });
+    }
+    if plan.has_gyroscopic {
+        lines.push(format!(
+            "gyroscopic coupling (shifts a frequency by up to {:.1e} of it)",
+            plan.gyroscopic_effect
+        ));
+    }
+    if scene.bow.is_some() {
+        lines.push("residual bow".to_owned());
+    }
+    if scene.gravity_rad.is_some() {
+        lines.push("gravity".to_owned());
+    }
+    lines
+}
+
+fn left_out(scene: &Scene, plan: &Plan) -> Vec<String> {
+    let mut lines =
+        vec!["gear meshes, torsion, axial motion, housing: not part of this model".to_owned()];
+    if !plan.has_gyroscopic {
+        lines.push(format!(
+            "gyroscopic coupling: it would shift a frequency by at most {:.1e} of it, below a tenth of the accuracy",
+            plan.gyroscopic_effect
+        ));
+    }
+    if !scene.has_contacts() {
+        lines.push("contacts: no ball bearing".to_owned());
+    }
+    if scene.gravity_rad.is_none() {
+        lines.push("gravity: not asked for".to_owned());
+    }
+    if scene.bow.is_none() {
+        lines.push("bow: none".to_owned());
+    }
+    if plan.is_linear {
+        lines.push(
+            "anti-alias filters: a linear scene at constant speed has no line above its modes; nothing is oversampled"
+                .to_owned(),
+        );
+    }
+    lines
+}
+
+fn computed(plan: &Plan) -> String {
+    if plan.is_linear {
+        return format!(
+            "exactly, one evaluation a sample at {} Hz; expected error: rounding",
+            plan.rate_hz
+        );
+    }
+    let step_us = 1e6 / (plan.rate_hz * f64::from(plan.steps_per_sample));
+    format!(
+        "in steps of {step_us:.3} µs ({} a sample at {} Hz), cut at every edge of a defect; expected relative error \
+         of the motion {:.1e}, by the error measured on set A (docs/simulator.md)",
+        plan.steps_per_sample, plan.rate_hz, plan.expected_error
+    )
+}
+
+fn started(scene: &Scene, plan: &Plan) -> String {
+    match (scene.start, &scene.speed) {
+        (Start::Rest, _) => "from rest: all loads set in at time 0".to_owned(),
+        (Start::Rotating, _) if plan.is_linear => {
+            "from the steady motion: there is no transient".to_owned()
+        }
+        (Start::Rotating, SpeedProfile::Table(_)) if !scene.has_contacts() => {
+            "from the steady motion at the first speed".to_owned()
+        }
+        (Start::Rotating, _) => {
+            "from the steady motion of the linear system, after a run-in that is not recorded: \
+             0.4 s with damping raised to 0.1, then 0.2 s with the scene's own"
+                .to_owned()
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! A rotor without contacts at constant speed, exactly: steady motion by a complex solve, free
+//! motion by the matrix exponential (equations R15, R16).
+//!
+//! The state is (ω·q, q̇) of both planes, so that all entries of the system are of one size. Must not
+//! know scenes.
+
+use super::etd::Load;
+use super::model::{Model, Turned};
+use super::run::{Quantity, Watch};
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
+
+/// The system ẏ = A·y + b + Re(c·e^{iφ}), φ = Ω·t, of a model at constant speed.
+///
+/// Ball bearings are taken as the supports that are in the basis.
+#[derive(Debug, Clone)]
+pub struct LinearSystem {
+    matrix: DMatrix<f64>,
+    omega: Vec<f64>,
+    speed_rad_per_s: f64,
+}
+
+/// A steady motion: constant part and phasor of the state.
+#[derive(Debug, Clone)]
+pub struct Steady {
+    constant: DVector<f64>,
+    re: DVector<f64>,
+    im: DVector<f64>,
+}
+
+impl LinearSystem {
+    /// Takes the system out of a model that turns at `speed_rad_per_s`.
+    #[must_use]
+    pub fn new(model: &Model, speed_rad_per_s: f64) -> Self {
+        let n = model.basis.len();
+        let mut bare = model.clone();
+        bare.seats.clear();
+        (bare.unbalance, bare.bow) = (Turned::none(n), Turned::none(n));
+        bare.constant = [vec![0.0; n], vec![0.0; n]];
+        bare.speed = super::speed::SpeedProfile::Constant(speed_rad_per_s / TAU);
+        let oscillators = bare.oscillators();
+        let omega = oscillators.omega_rad_per_s.clone();
+        let size = 2 * n;
+        let mut matrix = DMatrix::zeros(2 * size, 2 * size);
+        let (mut q, mut v, mut force) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
+        for j in 0..size {
+            // A unit of ω·q.
+            q[j] = 1.0 / omega[j];
+            bare.force(0.0, &q, &v, &mut force);
+            q[j] = 0.0;
+            for i in 0..size {
+                matrix[(size + i, j)] = force[i];
+            }
+            matrix[(size + j, j)] -= omega[j];
+            // A unit of velocity.
+            v[j] = 1.0;
+            bare.force(0.0, &q, &v, &mut force);
+            v[j] = 0.0;
+            for i in 0..size {
+                matrix[(size + i, size + j)] = force[i];
+            }
+            matrix[(size + j, size + j)] -= 2.0 * oscillators.damping[j] * omega[j];
+            matrix[(j, size + j)] = omega[j];
+        }
+        Self { matrix, omega, speed_rad_per_s }
+    }
+
+    /// Largest real part of the eigenvalues of A, rad/s: above 0, motions grow.
+    #[must_use]
+    pub fn growth_rad_per_s(&self) -> f64 {
+        self.matrix.complex_eigenvalues().iter().map(|z| z.re).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The steady motion under the model's loads (R15): `None` where it would be infinite.
+    #[must_use]
+    pub fn steady(&self, model: &Model) -> Option<Steady> {
+        let size = self.omega.len();
+        let lower = |force: &[f64]| {
+            DVector::from_fn(2 * size, |i, _| if i < size { 0.0 } else { force[i - size] })
+        };
+        let (re, im) = model.turning_force(self.speed_rad_per_s);
+        let constant = [&model.constant[0][..], &model.constant[1][..]].concat();
+        // (iΩ − A)·Y = c as one real system of twice the size.
+        let n = 2 * size;
+        let mut both = DMatrix::zeros(2 * n, 2 * n);
+        both.view_mut((0, 0), (n, n)).copy_from(&(-&self.matrix));
+        both.view_mut((n, n), (n, n)).copy_from(&(-&self.matrix));
+        for i in 0..n {
+            both[(i, n + i)] = -self.speed_rad_per_s;
+            both[(n + i, i)] = self.speed_rad_per_s;
+        }
+        let (re, im) = (lower(&re), lower(&im));
+        let right = DVector::from_fn(2 * n, |i, _| if i < n { re[i] } else { im[i - n] });
+        let phasor = both.lu().solve(&right)?;
+        let constant = (-&self.matrix).lu().solve(&lower(&constant))?;
+        let finite = phasor.iter().chain(constant.iter()).all(|x| x.is_finite());
+        let (re, im) = (phasor.rows(0, n).into_owned(), phasor.rows(n, n).into_owned());
+        finite.then_some(Steady { constant, re, im })
+    }
+
+    /// exp(A·h): carries a free motion over `step_s` (R16).
+    #[must_use]
+    pub fn propagator(&self, step_s: f64) -> DMatrix<f64> {
+        (&self.matrix * step_s).exp()
+    }
+
+    /// Displacements and velocities of a state.
+    fn coordinates(&self, state: &DVector<f64>) -> (Vec<f64>, Vec<f64>) {
+        let size = self.omega.len();
+        let q = (0..size).map(|i| state[i] / self.omega[i]).collect();
+        (q, state.rows(size, size).iter().copied().collect())
+    }
+
+    /// The state of displacements and velocities.
+    fn state(&self, q: &[f64], v: &[f64]) -> DVector<f64> {
+        let size = self.omega.len();
+        DVector::from_fn(2 * size, |i, _| if i < size { q[i] * self.omega[i] } else { v[i - size] })
+    }
+
+    /// What a watch makes of a free state: one row.
+    fn row(&self, watch: &Watch) -> DVector<f64> {
+        let size = self.omega.len();
+        let n = size / 2;
+        let (sin, cos) = watch.axis_rad.sin_cos();
+        let weight = |i: usize| watch.row[i % n] * if i < n { cos } else { sin };
+        match watch.quantity {
+            Quantity::Displacement => {
+                DVector::from_fn(
+                    2 * size,
+                    |i, _| {
+                        if i < size { weight(i) / self.omega[i] } else { 0.0 }
+                    },
+                )
+            }
+            Quantity::Acceleration => {
+                let lower = self.matrix.rows(size, size);
+                let weights = DVector::from_fn(size, |i, _| weight(i));
+                lower.transpose() * weights
+            }
+        }
+    }
+}
+
+impl Steady {
+    /// Displacements and velocities at shaft angle φ.
+    #[must_use]
+    pub fn at(&self, system: &LinearSystem, angle_rad: f64) -> (Vec<f64>, Vec<f64>) {
+        system.coordinates(&self.state(angle_rad))
+    }
+
+    fn state(&self, angle_rad: f64) -> DVector<f64> {
+        let (sin, cos) = angle_rad.sin_cos();
+        &self.constant + &self.re * cos - &self.im * sin
+    }
+}
+
+/// What is seen of a linear motion by one watch.
+#[derive(Debug, Clone)]
+struct Seen {
+    row: DVector<f64>,
+    constant: f64,
+    phasor: (f64, f64),
+}
+
+/// A model without contacts in motion at constant speed, sampled at a fixed rate.
+#[derive(Debug, Clone)]
+pub struct LinearRun {
+    system: LinearSystem,
+    steady: Steady,
+    seen: Vec<Seen>,
+    /// Propagator of one sample and the free state; `None`: it has died out.
+    free: Option<(DMatrix<f64>, DVector<f64>)>,
+    speed_hz: f64,
+    rate_hz: f64,
+    n_samples: u64,
+    turn: Vec<(f64, f64)>,
+}
+
+/// Free motions smaller than this part of what they began with are rounding.
+const DIED_OUT: f64 = 1e-18;
+
+impl LinearRun {
+    /// A run at the speed of `model`, from the state given or from the steady motion; `None` if
+    /// there is no steady motion.
+    #[must_use]
+    pub fn new(
+        model: &Model,
+        speed_hz: f64,
+        watches: &[Watch],
+        rate_hz: f64,
+        state: Option<(&[f64], &[f64])>,
+    ) -> Option<Self> {
+        let system = LinearSystem::new(model, TAU * speed_hz);
+        let steady = system.steady(model)?;
+        let mut run = Self {
+            seen: watches.iter().map(|watch| seen(&system, &steady, watch)).collect(),
+            system,
+            steady,
+            free: None,
+            speed_hz,
+            rate_hz,
+            n_samples: 0,
+            turn: Vec::new(),
+        };
+        if let Some((q, v)) = state {
+            run.begin_at(q, v);
+        }
+        Some(run)
+    }
+
+    fn begin_at(&mut self, q: &[f64], v: &[f64]) {
+        let free = self.system.state(q, v) - self.steady.state(self.angle_rad(self.n_samples));
+        self.free = Some((self.system.propagator(1.0 / self.rate_hz), free));
+    }
+
+    /// Shaft angle at a sample, rad, within a turn.
+    fn angle_rad(&self, sample: u64) -> f64 {
+        let turns = self.speed_hz * (sample as f64 / self.rate_hz);
+        TAU * (turns - turns.round())
+    }
+
+    /// Displacements and velocities at the next sample.
+    #[must_use]
+    pub fn state(&self) -> (Vec<f64>, Vec<f64>) {
+        let steady = self.steady.state(self.angle_rad(self.n_samples));
+        let whole = self.free.as_ref().map_or(steady.clone(), |(_, free)| &steady + free);
+        self.system.coordinates(&whole)
+    }
+
+    /// Exchanges the loads and keeps the motion; `false` if there is no steady motion under them.
+    pub fn set_loads(&mut self, model: &Model, watches: &[Watch]) -> bool {
+        let Some(steady) = self.system.steady(model) else { return false };
+        let (q, v) = self.state();
+        self.seen = watches.iter().map(|watch| seen(&self.system, &steady, watch)).collect();
+        self.steady = steady;
+        self.begin_at(&q, &v);
+        true
+    }
+
+    /// Writes the next samples of every watch, as many as `out` is long in each.
+    ///
+    /// # Panics
+    ///
+    /// If `out` does not have one list a watch.
+    pub fn fill(&mut self, n: usize, out: &mut [Vec<f64>]) {
+        assert_eq!(out.len(), self.seen.len(), "one list a watch");
+        self.turn.clear();
+        let start = self.angle_rad(self.n_samples);
+        let (sin, cos) = start.sin_cos();
+        let (step_sin, step_cos) = (TAU * self.speed_hz / self.rate_hz).sin_cos();
+        let (mut c, mut s) = (cos, sin);
+        for _ in 0..n {
+            self.turn.push((c, s));
+            (c, s) = (c * step_cos - s * step_sin, s * step_cos + c * step_sin);
+        }
+        for (list, seen) in out.iter_mut().zip(&self.seen) {
+            let (re, im) = seen.phasor;
+            list.clear();
+            list.extend(self.turn.iter().map(|(c, s)| seen.constant + re * c - im * s));
+        }
+        self.n_samples += n as u64;
+        self.add_free(n, out);
+    }
+
+    fn add_free(&mut self, n: usize, out: &mut [Vec<f64>]) {
+        let Some((propagator, mut free)) = self.free.take() else { return };
+        let mut next = free.clone();
+        let before = free.amax();
+        for i in 0..n {
+            for (list, seen) in out.iter_mut().zip(&self.seen) {
+                list[i] += seen.row.dot(&free);
+            }
+            next.gemv(1.0, &propagator, &free, 0.0);
+            std::mem::swap(&mut next, &mut free);
+        }
+        let scale =
+            self.steady.re.amax().max(self.steady.im.amax()).max(self.steady.constant.amax());
+        let gone = free.amax() < DIED_OUT * scale || (free.amax() <= 0.0 && before <= 0.0);
+        if !gone {
+            self.free = Some((propagator, free));
+        }
+    }
+}
+
+fn seen(system: &LinearSystem, steady: &Steady, watch: &Watch) -> Seen {
+    let row = system.row(watch);
+    let (constant, phasor) = match watch.quantity {
+        Quantity::Displacement => {
+            (row.dot(&steady.constant), (row.dot(&steady.re), row.dot(&steady.im)))
+        }
+        Quantity::Acceleration => {
+            // −Ω² times the displacement: the loads of the steady motion are not in the row.
+            let still = Watch { quantity: Quantity::Displacement, ..watch.clone() };
+            let row = system.row(&still);
+            let square = -system.speed_rad_per_s * system.speed_rad_per_s;
+            (0.0, (square * row.dot(&steady.re), square * row.dot(&steady.im)))
+        }
+    };
+    Seen { row, constant, phasor }
+}
+
+#[cfg(test)]
+mod tests;

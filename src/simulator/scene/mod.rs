@@ -1,0 +1,360 @@
+//! Scenes: what is simulated and what watches it, as a text of TOML (`docs/simulator.md`).
+//!
+//! `file` walks the document and gathers every mistake, `parts` and `sensors` know the tables, `errors`
+//! and `lengths` word what is allowed, `builtin` holds the scenes that come with the program. All
+//! lengths are m, angles rad, whatever the file's units were. Reads text, never a file; must not know how a
+//! scene is computed.
+
+mod errors;
+mod lengths;
+mod file;
+mod parts;
+mod bearings;
+mod sensors;
+mod truth;
+pub mod builtin;
+
+pub use errors::SceneErrors;
+
+use super::beam::Section;
+use super::contact::{BallBearing, DefectPlace};
+use super::rotor::Disc;
+use super::speed::SpeedProfile;
+
+/// Longest scene that is read, bytes: it goes into captures as one attribute, which holds 64 kB.
+pub const MAX_TEXT_BYTES: usize = 60_000;
+
+/// A scene, ready to be built.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Name for people and for the capture's truth.
+    pub name: String,
+    /// Name of the file it was read from, for messages.
+    pub file_name: String,
+    /// The text it was read from.
+    pub text: String,
+    /// Length of a record, s.
+    pub duration_s: f64,
+    /// The state at time 0.
+    pub start: Start,
+    /// Relative error of the motion that the steps are chosen for.
+    pub accuracy: f64,
+    /// Seed of the noise unless another is given.
+    pub seed: u64,
+    /// Direction of gravity, rad from x towards y; `None`: none.
+    pub gravity_rad: Option<f64>,
+    /// How the shaft turns.
+    pub speed: SpeedProfile,
+    /// Section of the shaft.
+    pub section: Section,
+    /// Length of the shaft, m.
+    pub length_m: f64,
+    /// Discs with their unbalance.
+    pub discs: Vec<SceneDisc>,
+    /// Bearings, at least two.
+    pub bearings: Vec<SceneBearing>,
+    /// Residual bow.
+    pub bow: Option<Bow>,
+    /// Unbalances beside those of the discs.
+    pub unbalances: Vec<Unbalance>,
+    /// What is chosen about the modes.
+    pub modes: ModeChoice,
+    /// Sensors, at least one.
+    pub sensors: Vec<SceneSensor>,
+    /// The machine file of the capture.
+    pub machine: Option<MachineText>,
+    /// Where the tables stand: path, line, column.
+    places: Vec<(String, usize, usize)>,
+}
+
+/// The state at time 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Start {
+    /// At rest and straight, loads set in at once.
+    Rest,
+    /// Turning for ever: the steady motion.
+    Rotating,
+}
+
+/// A disc and the distance of its centre of mass from the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneDisc {
+    /// The disc.
+    pub disc: Disc,
+    /// Eccentricity, m.
+    pub eccentricity_m: f64,
+    /// Its direction in the shaft, rad from the mark.
+    pub eccentricity_rad: f64,
+}
+
+/// A bearing at its place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneBearing {
+    /// Identifier.
+    pub id: String,
+    /// Place along the shaft, m.
+    pub at_m: f64,
+    /// Mass of the ring that moves with the shaft, kg.
+    pub ring_mass_kg: f64,
+    /// Stiffness put into the modes, N/m.
+    pub support_n_per_m: f64,
+    /// What carries the shaft.
+    pub kind: BearingKind,
+}
+
+/// What carries the shaft.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BearingKind {
+    /// Balls in Hertzian contact.
+    Ball(SceneBall),
+    /// F = −K·u − C·u̇.
+    Linear {
+        /// K [[xx, xy], [yx, yy]], N/m.
+        stiffness_n_per_m: [[f64; 2]; 2],
+        /// C, N·s/m.
+        damping_n_s_per_m: [[f64; 2]; 2],
+    },
+}
+
+/// A ball bearing, its size and its damage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneBall {
+    /// The bearing without its defects.
+    pub bearing: BallBearing,
+    /// Ball diameter, m.
+    pub ball_diameter_m: f64,
+    /// Pitch diameter, m.
+    pub pitch_diameter_m: f64,
+    /// Load of a ball at which its contact with the inner race yields, N; `None`: not known, the
+    /// contact factor was given.
+    pub yield_load_n: Option<f64>,
+    /// Defects.
+    pub defects: Vec<SceneDefect>,
+}
+
+/// A localised defect as a file tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneDefect {
+    /// Where.
+    pub place: DefectPlace,
+    /// Angle of its centre, rad.
+    pub angle_rad: f64,
+    /// Width along the race (on a ball: along its surface), m.
+    pub width_m: f64,
+    /// Depth, m.
+    pub depth_m: f64,
+    /// Shape.
+    pub profile: ProfileKind,
+    /// Radius its width is counted on, m; `None`: the race's (or the ball's) own.
+    pub radius_m: Option<f64>,
+}
+
+/// Shape of a defect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProfileKind {
+    /// The whole depth at once.
+    Step,
+    /// Half a cosine wave.
+    RaisedCosine,
+    /// The path of the centre of a ball that rolls over the edge.
+    Geometric,
+}
+
+/// A shaft that is bent at rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bow {
+    /// Its direction in the shaft, rad from the mark.
+    pub angle_rad: f64,
+    /// Its shape.
+    pub shape: BowShape,
+}
+
+/// Shape of a bow.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BowShape {
+    /// Half a sine wave between the first and the last bearing, straight on beyond them.
+    HalfSine {
+        /// Largest deflection, m.
+        amplitude_m: f64,
+    },
+    /// The free shaft bent elastically through points (place m, deflection m).
+    Points(Vec<(f64, f64)>),
+}
+
+/// An unbalance of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unbalance {
+    /// Place along the shaft, m.
+    pub at_m: f64,
+    /// Mass times distance from the axis, kg·m.
+    pub kg_m: f64,
+    /// Direction in the shaft, rad from the mark.
+    pub angle_rad: f64,
+}
+
+/// What is chosen about the modes; `None`: chosen by the sensors' band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModeChoice {
+    /// Modes of each plane.
+    pub count: Option<usize>,
+    /// Damping ratio of every shape.
+    pub damping: f64,
+    /// Whether each ball or linear bearing has a static attachment shape.
+    pub attachment: bool,
+    /// Elements between neighbouring places.
+    pub elements_per_span: Option<u32>,
+}
+
+/// A sensor and its converter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneSensor {
+    /// Name of its channel.
+    pub channel: String,
+    /// Quantity.
+    pub kind: SensorKind,
+    /// Place along the shaft, m (of a tacho: of no meaning).
+    pub at_m: f64,
+    /// Sensitive direction, rad from x towards y.
+    pub axis_rad: f64,
+    /// Samples a second.
+    pub rate_hz: f64,
+    /// Corner of the anti-alias filter, Hz.
+    pub corner_hz: f64,
+    /// Unit of its values.
+    pub unit: &'static str,
+    /// Its values ÷ SI values.
+    pub per_si: f64,
+    /// One-sided noise density, unit/√Hz; 0: clean.
+    pub noise_density: f64,
+    /// Largest value from rest, unit.
+    pub full_scale: f64,
+    /// Bits of the converter.
+    pub bits: u32,
+    /// Number type of its samples.
+    pub number: NumberKind,
+    /// Slow drift, unit/s.
+    pub drift_per_s: f64,
+    /// What it reads at rest (a probe's gap), unit.
+    pub rest: f64,
+    /// Times between which it gives 0, s.
+    pub dropouts_s: Vec<(f64, f64)>,
+}
+
+/// Kind of a sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SensorKind {
+    /// Acceleration of the shaft at its place; with stiff housings that of the housing.
+    Accelerometer,
+    /// Displacement of the shaft.
+    Proximitor,
+    /// A mark once a turn, 0 to 5 V.
+    Tacho,
+}
+
+/// Number type of a channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NumberKind {
+    /// Counts of the converter.
+    Int16,
+    /// Physical values, single precision, no converter.
+    Float32,
+    /// Physical values, double precision, no converter.
+    Float64,
+}
+
+/// The machine file that goes into the capture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum MachineText {
+    /// Its text.
+    Inline(String),
+    /// Its path, as written: whoever reads files reads it.
+    File(String),
+}
+
+/// What is damaged, by part; can be exchanged while a scene runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Faults {
+    /// Defects of ball bearings, by the identifier of the bearing.
+    pub defects: Vec<(String, SceneDefect)>,
+    /// Residual bow.
+    pub bow: Option<Bow>,
+}
+
+impl Scene {
+    /// Reads a scene; `file_name` only labels the mistakes.
+    ///
+    /// # Errors
+    ///
+    /// Every mistake, with line, column, key and what is allowed.
+    pub fn parse(text: &str, file_name: &str) -> Result<Self, SceneErrors> {
+        file::parse(text, file_name)
+    }
+
+    /// The faults the scene begins with.
+    #[must_use]
+    pub fn faults(&self) -> Faults {
+        let of = |bearing: &SceneBearing| match &bearing.kind {
+            BearingKind::Ball(ball) => {
+                ball.defects.iter().map(|defect| (bearing.id.clone(), *defect)).collect()
+            }
+            BearingKind::Linear { .. } => Vec::new(),
+        };
+        Faults { defects: self.bearings.iter().flat_map(of).collect(), bow: self.bow.clone() }
+    }
+
+    /// The faults, one TOML table each, for the truth of a capture; empty for a healthy machine.
+    #[must_use]
+    pub fn truth(&self) -> String {
+        truth::listed(self)
+    }
+
+    /// Whether some bearing has balls.
+    #[must_use]
+    pub fn has_contacts(&self) -> bool {
+        self.bearings.iter().any(|bearing| matches!(bearing.kind, BearingKind::Ball(_)))
+    }
+
+    /// The ball bearings with their identifiers, in the order of the scene.
+    pub(super) fn ball_bearings(&self) -> impl Iterator<Item = (&str, &SceneBall)> {
+        self.bearings.iter().filter_map(|bearing| match &bearing.kind {
+            BearingKind::Ball(ball) => Some((bearing.id.as_str(), ball)),
+            BearingKind::Linear { .. } => None,
+        })
+    }
+
+    /// A mistake found after reading, at the table of this path.
+    pub(super) fn mistake(
+        &self,
+        path: &str,
+        found: impl Into<String>,
+        allowed: impl Into<String>,
+    ) -> SceneErrors {
+        let place = self.places.iter().find(|(known, _, _)| known == path);
+        let (line, column) = place.map_or((1, 1), |(_, line, column)| (*line, *column));
+        SceneErrors::one(&self.file_name, (line, column), path, found.into(), allowed.into())
+    }
+}
+
+impl SceneBall {
+    /// The bearing with these defects in place of its own.
+    #[must_use]
+    pub fn with_defects(&self, defects: &[SceneDefect]) -> BallBearing {
+        let mut bearing = self.bearing.clone();
+        bearing.defects = defects.iter().map(|defect| self.defect(defect)).collect();
+        bearing
+    }
+
+    /// Radius on which a defect's width is counted, m.
+    #[must_use]
+    pub fn radius_m(&self, defect: &SceneDefect) -> f64 {
+        let (ball, pitch) = (self.ball_diameter_m, self.pitch_diameter_m);
+        defect.radius_m.unwrap_or(match defect.place {
+            DefectPlace::InnerRace => 0.5 * (pitch - ball),
+            DefectPlace::OuterRace => 0.5 * (pitch + ball),
+            DefectPlace::Element(_) => 0.5 * ball,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

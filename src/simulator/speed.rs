@@ -1,0 +1,131 @@
+//! Shaft angle, speed and angular acceleration as functions of time (equation R8).
+
+use std::f64::consts::TAU;
+
+/// How the shaft turns.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SpeedProfile {
+    /// For ever at one speed, Hz.
+    Constant(f64),
+    /// Straight lines between (time s, speed Hz), times rising; before the first and after the last
+    /// constant.
+    Table(Vec<(f64, f64)>),
+}
+
+/// The shaft at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turning {
+    /// Angle φ, rad, 0 at time 0.
+    pub angle_rad: f64,
+    /// Speed Ω, rad/s.
+    pub speed_rad_per_s: f64,
+    /// Acceleration, rad/s².
+    pub acceleration_rad_per_s2: f64,
+}
+
+impl SpeedProfile {
+    /// The shaft at a time ≥ 0, s.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> Turning {
+        let points = match self {
+            Self::Constant(speed_hz) => return steady(*speed_hz, time_s),
+            Self::Table(points) => points,
+        };
+        let Some(&(first_s, first_hz)) = points.first() else { return steady(0.0, time_s) };
+        if time_s <= first_s {
+            return steady(first_hz, time_s);
+        }
+        let mut turns = first_hz * first_s;
+        for pair in points.windows(2) {
+            let ((from_s, from_hz), (to_s, to_hz)) = (pair[0], pair[1]);
+            let slope = (to_hz - from_hz) / (to_s - from_s);
+            if time_s < to_s {
+                let t = time_s - from_s;
+                return Turning {
+                    angle_rad: TAU * (turns + from_hz * t + 0.5 * slope * t * t),
+                    speed_rad_per_s: TAU * (from_hz + slope * t),
+                    acceleration_rad_per_s2: TAU * slope,
+                };
+            }
+            turns += 0.5 * (from_hz + to_hz) * (to_s - from_s);
+        }
+        let (last_s, last_hz) = points[points.len() - 1];
+        let after = steady(last_hz, time_s - last_s);
+        Turning { angle_rad: after.angle_rad + TAU * turns, ..after }
+    }
+
+    /// The first time after `after_s` and up to `until_s` at which the angle passes `angle_rad`, in
+    /// either sense; `None` if it does not.
+    ///
+    /// The interval lies between two bends of the profile or holds no reversal of the speed.
+    #[must_use]
+    pub fn passes(&self, angle_rad: f64, after_s: f64, until_s: f64) -> Option<f64> {
+        if let Self::Constant(speed_hz) = self {
+            let speed = TAU * speed_hz;
+            let time_s = angle_rad / speed;
+            return (time_s > after_s && time_s <= until_s).then_some(time_s);
+        }
+        let offset = |time_s: f64| self.at(time_s).angle_rad - angle_rad;
+        let (mut low, mut high) = (after_s, until_s);
+        let (at_low, at_high) = (offset(low), offset(high));
+        let crosses = (at_low < 0.0) != (at_high < 0.0) || at_high.abs() <= 0.0;
+        if !crosses || at_low.abs() <= 0.0 {
+            return None;
+        }
+        // Bisection to the last bit: about 50 halvings of a step.
+        for _ in 0..80 {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if (offset(middle) < 0.0) == (at_low < 0.0) { low = middle } else { high = middle }
+        }
+        Some(high)
+    }
+
+    /// Fastest speed, rad/s, without sign.
+    #[must_use]
+    pub fn fastest_rad_per_s(&self) -> f64 {
+        match self {
+            Self::Constant(speed_hz) => TAU * speed_hz.abs(),
+            Self::Table(points) => points.iter().map(|(_, hz)| TAU * hz.abs()).fold(0.0, f64::max),
+        }
+    }
+}
+
+fn steady(speed_hz: f64, time_s: f64) -> Turning {
+    let speed_rad_per_s = TAU * speed_hz;
+    Turning { angle_rad: speed_rad_per_s * time_s, speed_rad_per_s, acceleration_rad_per_s2: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_angle_is_the_integral_of_the_speed() {
+        let profile = SpeedProfile::Table(vec![(0.5, 10.0), (1.5, 30.0), (2.0, -10.0)]);
+        let (mut sum, h) = (0.0, 1e-4);
+        for i in 0..30_000_u32 {
+            let t = f64::from(i) * h;
+            let mid = profile.at(t + 0.5 * h);
+            sum += mid.speed_rad_per_s * h;
+            // The midpoint rule is exact on straight lines; bends lie on the grid.
+            let end = profile.at(t + h).angle_rad;
+            assert!((end - sum).abs() < 1e-8, "{t}: {end} {sum}");
+        }
+        assert!((profile.at(1.0).acceleration_rad_per_s2 - TAU * 20.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn passing_an_angle_is_found_at_any_speed() {
+        let ramp = SpeedProfile::Table(vec![(0.0, 0.0), (2.0, 40.0)]);
+        let found = ramp.passes(5.0, 0.0, 1.0).unwrap();
+        // φ = 2π·10·t²
+        assert!((found - (5.0 / (TAU * 10.0)).sqrt()).abs() < 1e-14, "{found}");
+        assert_eq!(ramp.passes(5.0, found, 1.0), None, "an event is not found twice");
+        let steady = SpeedProfile::Constant(40.0);
+        assert!((steady.passes(TAU, 0.0, 1.0).unwrap() - 0.025).abs() < 1e-16);
+        assert_eq!(SpeedProfile::Constant(0.0).passes(1.0, 0.0, 1.0), None);
+    }
+}
