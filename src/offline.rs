@@ -83,6 +83,8 @@ pub struct Reference {
 struct Run {
     monitor: Monitor,
     outcomes: Vec<Outcome>,
+    /// How the capture was read.
+    notes: Vec<String>,
 }
 
 /// Diagnoses one capture; `progress` is told the part done, 0…1.
@@ -97,7 +99,9 @@ pub fn diagnose(
 ) -> Result<Diagnosis, OfflineError> {
     let run = run(file, reference, progress)?;
     let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
-    run.monitor.conclude(&judged).ok_or_else(|| OfflineError::Empty { file: file.to_owned() })
+    let diagnosis = run.monitor.conclude(&judged);
+    let diagnosis = diagnosis.ok_or_else(|| OfflineError::Empty { file: file.to_owned() })?;
+    Ok(Diagnosis { notes: run.notes, ..diagnosis })
 }
 
 /// Measures a healthy capture for a baseline.
@@ -126,6 +130,7 @@ fn run(
     let hints = SpeedHints { option: reference.speed, capture: info.shaft_speed };
     let settings = settings(info, &channels, reference);
     let duration_s = info.duration_s;
+    let notes = info.notes.clone();
     let mut monitor = Monitor::new(machine, channels, hints, &settings)
         .map_err(|source| OfflineError::Monitor { file: file.to_owned(), source })?;
     let mut outcomes: Vec<Outcome> = Vec::new();
@@ -142,7 +147,7 @@ fn run(
     }
     monitor.finish(&mut keep);
     progress(1.0);
-    Ok(Run { monitor, outcomes })
+    Ok(Run { monitor, outcomes, notes })
 }
 
 /// Opens a capture with the machine given, its own, or an implied one.

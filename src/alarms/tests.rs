@@ -42,6 +42,7 @@ fn verdict(state: State, operating_state: OperatingState) -> Diagnosis {
         data_quality: DataQuality::Ok,
         components: vec![component("right", state)],
         warnings: Vec::new(),
+        notes: Vec::new(),
         baselines: Vec::new(),
         provisional_baseline: None,
         timeline: None,

@@ -135,6 +135,7 @@ pub(crate) fn sample_diagnosis() -> Diagnosis {
         data_quality: DataQuality::Ok,
         components: vec![right, main, mesh],
         warnings: vec!["the speeds of file and capture differ by 3 %".to_owned()],
+        notes: vec!["guessed: separator ';', decimal comma".to_owned()],
         baselines: vec![BaselineUse {
             name: "healthy.h5".to_owned(),
             used: true,

@@ -31,6 +31,7 @@ mod checksums;
 mod rows;
 mod channel_unit;
 mod segments;
+mod since_1970;
 mod convert;
 mod stream;
 mod table;

@@ -12,12 +12,15 @@ use super::received::{NumberType, RawSamples};
 use super::rows::Column;
 use crate::machine::Machine;
 use crate::signal::{ChannelIndex, ChannelInfo};
-use crate::units::Hz;
+use crate::units::{Hz, SourceUnit};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Sample rates that make sense, Hz.
 pub(super) const RATE_RANGE_HZ: (f64, f64) = (1e-6, 1e9);
+
+/// Below this, a rate that times give is doubtful.
+const SLOW: Hz = Hz(10.0);
 
 /// Relative difference up to which two statements of a rate agree.
 const RATE_AGREES: f64 = 1e-3;
@@ -113,6 +116,10 @@ pub(super) fn choose(
             (number(entry.scale.as_ref(), "scale"), number(entry.offset.as_ref(), "offset"));
         let unit = match &entry.unit {
             None => offered.iter().find(|o| o.column == column).and_then(|o| o.unit.clone()),
+            Some(TextAt::Value(unit)) if SourceUnit::parse(unit).is_none() => {
+                let accepted = SourceUnit::ACCEPTED.join(", ");
+                return Err(failed(format!("unit={unit}; expected one of {accepted}")));
+            }
             Some(TextAt::Value(unit)) => Some(unit.clone()),
             Some(TextAt::At(_)) => return Err(failed(no_place("unit"))),
         };
@@ -187,6 +194,17 @@ fn rate_of(entry: &MapEntry) -> Result<Option<Hz>, String> {
 /// Whether two statements of a rate are the same.
 pub(super) fn agree(a: Hz, b: Hz) -> bool {
     (a.0 - b.0).abs() <= RATE_AGREES * a.0.max(b.0)
+}
+
+/// A word on times that give so low a rate that they may not be in the unit assumed.
+pub(super) fn slow(rate: Hz) -> Option<String> {
+    let words = || {
+        format!(
+            "the times give {} samples a second: are they in seconds? if not, give the rate instead",
+            rate.0
+        )
+    };
+    (rate < SLOW).then(words)
 }
 
 /// Who says a rate beside the file: the map, else `--rate`.
@@ -276,7 +294,8 @@ pub(super) fn options(rate: Option<Hz>, chosen: &[Chosen], offered: &[Offered]) 
             Some(o) => format!("{}=/{}", channel.name, o.name),
             None => format!("{}=/,column={}", channel.name, channel.column),
         };
-        if let Some(unit) = channel.unit.as_deref().filter(|unit| !unit.contains([',', '@'])) {
+        if let Some(unit) = channel.unit.as_deref().filter(|unit| SourceUnit::parse(unit).is_some())
+        {
             entry.push_str(&format!(",unit={unit}"));
         }
         options.push(format!("--map '{}'", entry.replace('\'', r"'\''")));

@@ -219,6 +219,7 @@ pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
         data_quality: window.data_quality,
         components: window.components.clone(),
         warnings: window.notes.clone(),
+        notes: Vec::new(),
         baselines: window.baselines.clone(),
         provisional_baseline: None,
         timeline: None,

@@ -216,6 +216,8 @@ pub struct Diagnosis {
     pub components: Vec<ComponentDiagnosis>,
     /// Things the user should know (unit conflicts, absent channels, speeds that disagree).
     pub warnings: Vec<String>,
+    /// How the capture was read: what was guessed, assumed, passed over; empty for live data.
+    pub notes: Vec<String>,
     /// Baselines offered.
     pub baselines: Vec<BaselineUse>,
     /// Baseline made from the capture's own first segments.

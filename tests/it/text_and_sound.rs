@@ -107,6 +107,13 @@ fn tables_give_the_verdict_of_the_capture() {
     {
         assert_eq!(*verdict, native);
     }
+    // What was guessed stands in the report and in the document.
+    let ended = run(&dir, &["diagnose", "--machine", "rig.toml", "decimal.dat"]);
+    assert!(ended.stdout.contains("\nnote: guessed: separator ';', decimal comma"), "{ended:?}");
+    let ended =
+        run(&dir, &["diagnose", "--machine", "rig.toml", "--format", "json", "decimal.dat"]);
+    let document: Value = serde_json::from_str(&ended.stdout).unwrap();
+    assert!(document["notes"][0].as_str().unwrap().contains("decimal comma"), "{document:#}");
 }
 
 #[test]

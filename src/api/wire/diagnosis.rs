@@ -54,6 +54,8 @@ pub struct DiagnosisDocument {
     pub components: Vec<ComponentWire>,
     /// What the user should know: unit conflicts, absent channels, speeds that disagree.
     pub warnings: Vec<String>,
+    /// How the capture was read: what was guessed, assumed or passed over; empty for live data.
+    pub notes: Vec<String>,
     /// Healthy reference records offered.
     pub baselines: Vec<BaselineWire>,
     /// Reference made from the capture's own first segments; it can prove change, not health.
@@ -224,6 +226,7 @@ impl DiagnosisDocument {
             data_quality: d.data_quality.into(),
             components: d.components.iter().map(ComponentWire::new).collect(),
             warnings: d.warnings.clone(),
+            notes: d.notes.clone(),
             baselines: d
                 .baselines
                 .iter()

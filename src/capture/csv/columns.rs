@@ -1,5 +1,6 @@
 //! What each column of a table is: a channel to be, the times, or neither.
 
+use super::super::since_1970;
 use super::super::table::Offered;
 use super::cell::{self, Shape};
 use super::dialect::Dialect;
@@ -43,12 +44,18 @@ pub(super) fn of_kind(dialect: &Dialect, column: usize, unit_s: f64) -> Option<T
             None => n_numbers += i32::from(cell::number(cell, dialect.decimal_comma).is_some()),
         }
     }
+    let number = |cell| cell::number(cell, dialect.decimal_comma);
+    #[expect(clippy::float_cmp, reason = "1 is what stands for a unit that is not stated")]
+    let stated_s = (unit_s != 1.0).then_some(unit_s);
+    let unit_ns = first_cells(dialect, column)
+        .find_map(number)
+        .and_then(|time| since_1970::unit_ns(time, stated_s));
     let kind = if 2 * n_dated > n_cells {
         TimeKind::Instant
     } else if 2 * n_of_day > n_cells {
         TimeKind::OfDay
     } else if 2 * n_numbers > n_cells {
-        TimeKind::Number { unit_s }
+        unit_ns.map_or(TimeKind::Number { unit_s }, |unit_ns| TimeKind::Since1970 { unit_ns })
     } else {
         return None;
     };

@@ -3,6 +3,7 @@
 //! Guessed from the first lines, by counting; every guess is shown ([`Dialect::describe`]).
 
 use super::cell::Shape;
+use super::commas;
 use super::heading::{Heading, unit_of};
 use super::records::cells_of;
 
@@ -39,6 +40,8 @@ pub(super) struct Dialect {
     pub(super) latin_1: bool,
     /// The first lines of the table, cell by cell.
     pub(super) first_rows: Vec<Vec<Vec<u8>>>,
+    /// Why the numbers cannot be told for sure, and the line that shows it.
+    pub(super) doubt: Option<(u64, &'static str)>,
 }
 
 /// A line of the head.
@@ -73,7 +76,15 @@ pub(super) fn guess(head: &[u8], whole: bool) -> Option<Dialect> {
         }
     }
     let mut trial = best?;
-    let first = trial.first_row()?;
+    let mut first = trial.first_row()?;
+    if trial.separator == b',' && trial.n_columns == 2 {
+        let is_titled = first > 0 && trial.rows[first - 1].len() == 1;
+        if commas::are_decimal(&trial.rows[first..], is_titled) {
+            trial = Trial::new(&lines, b';')?;
+            first = trial.first_row()?;
+        }
+    }
+    let doubt = doubt(&lines, &trial, first);
     let shapes = || trial.rows[first..].iter().filter(|row| row.len() == trial.n_columns).flatten();
     let count = |shape| shapes().filter(|cell| Shape::of(cell) == shape).count();
     let decimal_comma = trial.separator != b',' && count(Shape::Comma) > count(Shape::Point);
@@ -92,7 +103,23 @@ pub(super) fn guess(head: &[u8], whole: bool) -> Option<Dialect> {
         marked,
         latin_1,
         first_rows: trial.rows.split_off(first),
+        doubt,
     })
+}
+
+/// Why the commas of a table cannot be told for sure, and the line that shows it.
+fn doubt(lines: &[Line<'_>], trial: &Trial, first: usize) -> Option<(u64, &'static str)> {
+    let counted = &lines[lines.len().saturating_sub(COUNTED_LINES)..];
+    let texts: Vec<&[u8]> = counted.iter().map(|line| line.text).collect();
+    if let Some(at) = commas::thousands(&texts) {
+        let problem = "a number whose thousands are set apart; export without thousands separators";
+        return Some((counted[at].number, problem));
+    }
+    let n_names = first.checked_sub(1).map_or(0, |above| trial.rows[above].len());
+    let in_both = trial.separator == b',' && commas::are_both(&trial.rows[first..], n_names);
+    let problem = "twice as many cells as names, as if commas stood between the cells and inside the numbers; \
+                   export with semicolons, or with decimal points";
+    in_both.then_some((lines[first].number, problem))
 }
 
 /// The lines that are not blank; the last one only if it is complete.
@@ -150,6 +177,7 @@ impl Trial {
         };
         (0..self.rows.len().saturating_sub(1))
             .take(HEADER_LINES_MAX + 1)
+            .filter(|&at| !is_numbered(&self.rows[at]))
             .find(|&at| fits(&self.rows[at]) && self.rows[at + 1].len() == self.n_columns)
     }
 
@@ -193,9 +221,17 @@ impl Trial {
         }
         let fits = cells.len() == self.n_columns
             && cells.iter().any(|cell| !cell.is_empty())
-            && cells.iter().all(|cell| !shape(cell.trim_ascii(), self.separator).is_value());
+            && (is_numbered(&cells)
+                || cells.iter().all(|cell| !shape(cell.trim_ascii(), self.separator).is_value()));
         fits.then(|| cells.iter().map(|cell| text_of(cell, latin_1)).collect())
     }
+}
+
+/// Whether a row is a header that numbers the columns behind an unnamed one, as pandas writes it.
+fn is_numbered(cells: &[Vec<u8>]) -> bool {
+    let Some((first, others)) = cells.split_first() else { return false };
+    let counts = |(at, cell): (usize, &Vec<u8>)| *cell == at.to_string().into_bytes();
+    first.is_empty() && !others.is_empty() && others.iter().enumerate().all(counts)
 }
 
 /// The shape of a cell, a comma counting as part of a number only where it does not separate.
@@ -223,6 +259,7 @@ impl Dialect {
     /// What was guessed, for people.
     pub(super) fn describe(&self) -> Vec<String> {
         let separator = match self.separator {
+            _ if self.n_columns == 1 => "one column".to_owned(),
             b'\t' => "separator tab".to_owned(),
             b' ' => "separated by blanks".to_owned(),
             other => format!("separator '{}'", char::from(other)),

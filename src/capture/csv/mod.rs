@@ -5,6 +5,7 @@
 //! [`CaptureInfo`]. Must not know segments' use or blocks.
 
 mod records;
+mod commas;
 mod cell;
 mod heading;
 mod times;
@@ -23,6 +24,7 @@ use super::open::Opened;
 use super::received::{NumberType, RawSamples};
 use super::rows::{Column, Source};
 use super::segments::Segments;
+use super::since_1970;
 use super::table::{self, Choice, Chosen, Facts, Offered, RATE_RANGE_HZ, table_error};
 use crate::machine::Machine;
 use crate::signal::{ChannelIndex, Timestamp};
@@ -62,6 +64,11 @@ pub(super) fn open(
         source,
     })?;
     let guessed = dialect::guess(&beginning.head, beginning.whole);
+    let has = |byte| beginning.head.contains(&byte);
+    if guessed.is_none() && has(b'\r') && !has(b'\n') {
+        let problem = "its lines end with a carriage return alone; convert it, e.g. tr '\\r' '\\n' < in.csv > out.csv";
+        return Err(table_error(path, problem.to_owned()));
+    }
     let Some(dialect) = guessed else {
         let problem = format!(
             "text without a table of numbers in its first {} lines; a CSV has a line a sample, a column a channel \
@@ -70,6 +77,9 @@ pub(super) fn open(
         );
         return Err(table_error(path, problem));
     };
+    if let Some((line, problem)) = dialect.doubt {
+        return Err(CaptureError::Line { file: path.into(), line, problem: problem.to_owned() });
+    }
     let table = Table { path, machine, hints, dialect, file_bytes: beginning.file_bytes };
     table.open(beginning.ends_with_line)
 }
@@ -170,6 +180,9 @@ impl Table<'_> {
                     if written.is_empty() { place } else { format!("{place} (\"{written}\")") };
                 match kind {
                     TimeKind::Number { unit_s } => format!("{place}, unit {unit_s} s"),
+                    TimeKind::Since1970 { unit_ns } => {
+                        format!("{place}, {} since 1970", since_1970::name(unit_ns))
+                    }
                     TimeKind::Instant => format!("{place}, dates, UTC where no zone stands"),
                     TimeKind::OfDay => format!("{place}, times of day"),
                 }
@@ -278,7 +291,10 @@ impl Table<'_> {
                 })
             }
             (None, Some((rate, _))) => Ok((rate, vec![(0, 0.0)])),
-            (Some(Ok(timed)), None) => self.in_range(timed),
+            (Some(Ok(timed)), None) => {
+                notes.extend(table::slow(timed.rate));
+                self.in_range(timed)
+            }
             (Some(Ok(timed)), Some((rate, origin))) => {
                 let Timed { rate: found, starts } = timed;
                 if !table::agree(*found, rate) {

@@ -302,3 +302,68 @@ fn flipped_and_cut_bytes_are_an_error_or_a_table() {
     }
     assert!(n_read > 20, "{n_read}: not every byte can matter");
 }
+
+#[test]
+fn one_column_with_decimal_commas_is_one_channel() {
+    for head in ["acc [g]\n", ""] {
+        let rows: String = (0..N).map(|i| format!("{:.4}\n", x(i)).replace('.', ",")).collect();
+        let (info, samples, _) = read(format!("{head}{rows}"), &rate(1000.0)).unwrap();
+        assert_eq!(samples.len(), 1, "{info}");
+        // Printed to 4 digits, rounded to f32.
+        let unit = if head.is_empty() { 1.0 } else { 9.806_65 };
+        let near = |i: u32| (samples[0][i as usize] / unit - x(i)).abs() < 0.6e-4;
+        assert!((0..N).all(near), "{head}: {info}");
+        assert!(info.notes[0].contains("one column, decimal comma"), "{:?}", info.notes);
+    }
+    let counts: String = (0..N).map(|i| format!("{},{}\n", 500 + i % 7, 490 + i % 5)).collect();
+    assert_eq!(read(counts, &rate(1000.0)).unwrap().1.len(), 2);
+    let row = |i: u32| format!("{},{:03},{:.4}\n", i / 1000, i % 1000, x(i)).replace('.', ",");
+    let both: String = (0..N).map(row).collect();
+    let text = error(format!("t,x\n{both}"), &Hints::default());
+    assert!(text.contains("a.csv:2: twice as many cells as names"), "{text}");
+    let grouped: String = (0..N).map(|i| format!("{i};1.{:03},5\n", i)).collect();
+    let text = error(format!("t;a\n{grouped}"), &Hints::default());
+    assert!(text.contains("without thousands separators"), "{text}");
+}
+
+#[test]
+fn times_in_other_units_are_read_or_doubted() {
+    for unit in [1_000_u64, 1_000_000, 1_000_000_000] {
+        let row = |i: u32| 1_700_000_000 * unit + u64::from(i) * unit / 1000;
+        let rows: String = (0..N).map(|i| format!("{},{:.6}\n", row(i), x(i))).collect();
+        let (info, ..) = read(format!("timestamp,x\n{rows}"), &Hints::default()).unwrap();
+        assert_eq!(info.channels[0].info.sample_rate, Hz(1000.0), "{unit}");
+        assert_eq!(info.start_time.map(|time| time.0), Some(1_700_000_000_000_000_000));
+        assert!(info.notes[0].contains("since 1970"), "{:?}", info.notes);
+    }
+    // 50 kHz in ns, where float64 has steps of 256 ns.
+    let rows: String = (0..N)
+        .map(|i| format!("{},0.5\n", 1_700_000_000_000_000_003_u64 + u64::from(i) * 20_000))
+        .collect();
+    let (info, ..) = read(format!("t,x\n{rows}"), &Hints::default()).unwrap();
+    assert_eq!((info.channels[0].info.sample_rate, info.segments), (Hz(50_000.0), None));
+    let rows: String = (0..N).map(|i| format!("{i},{:.6}\n", x(i))).collect();
+    let (info, ..) = read(format!("t,x\n{rows}"), &Hints::default()).unwrap();
+    assert!(info.notes.iter().any(|note| note.contains("are they in seconds?")), "{info}");
+    let day = |i: u32| {
+        if i < 200 {
+            format!("23:59:59.{:03}", 800 + i)
+        } else {
+            format!("00:00:00.{:03}", i - 200)
+        }
+    };
+    let rows: String = (0..N).map(|i| format!("{},{:.6}\n", day(i), x(i))).collect();
+    let (info, ..) = read(format!("Time,x\n{rows}"), &Hints::default()).unwrap();
+    assert_eq!((info.channels[0].info.sample_rate, info.segments), (Hz(1000.0), None));
+}
+
+#[test]
+fn pandas_headers_old_line_ends_and_units_are_told() {
+    let rows: String = (0..N).map(|i| format!("{i},{:.6},{:.6}\n", x(i), y(i))).collect();
+    assert_read(&read(format!(",0,1\n{rows}"), &rate(1000.0)).unwrap(), "pandas");
+    let text = table("t,x,y\n", ",", false, "\r").replace('\n', "\r");
+    assert!(error(text, &Hints::default()).contains("tr '\\r' '\\n'"));
+    let text = table("t,x,y\n", ",", false, "\n");
+    let text = error(text, &mapped(&["a=/x,unit=foo"]));
+    assert!(text.contains("unit=foo; expected one of ") && text.contains(", mm/s,"), "{text}");
+}

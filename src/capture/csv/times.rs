@@ -10,6 +10,10 @@ use crate::units::Hz;
 /// Rows whose times are kept until the interval can be told.
 const KEPT_ROWS_MAX: usize = 1 << 16;
 
+/// A day, and the fall from which on times of day have passed midnight, ns.
+const DAY_NS: i64 = 86_400_000_000_000;
+const MIDNIGHT_NS: i64 = DAY_NS / 24 * 23;
+
 /// Gaps of a file at most.
 const GAPS_MAX: usize = 100_000;
 
@@ -21,6 +25,8 @@ const CLEAR_UNITS: f64 = 20.0;
 pub(super) enum TimeKind {
     /// Numbers, and seconds in one of them.
     Number { unit_s: f64 },
+    /// Numbers that count from 1970 on, and nanoseconds in one of them.
+    Since1970 { unit_ns: i64 },
     /// Dates with times of day.
     Instant,
     /// Times of day.
@@ -55,6 +61,25 @@ pub(super) fn instant(cell: &[u8]) -> Option<(i64, bool)> {
     Some((i64::try_from(span.as_nanos()).ok()?, false))
 }
 
+/// Reads a number of units since 1970 as nanoseconds, digit by digit: float64 has too few.
+fn since_1970_ns(cell: &[u8], unit_ns: i64) -> Option<i64> {
+    let (mut ns, mut digit_ns, mut behind) = (0_i64, unit_ns, false);
+    for &byte in cell {
+        match byte {
+            b'0'..=b'9' if behind => {
+                digit_ns /= 10;
+                ns = ns.checked_add(digit_ns * i64::from(byte - b'0'))?;
+            }
+            b'0'..=b'9' => {
+                ns = ns.checked_mul(10)?.checked_add(unit_ns * i64::from(byte - b'0'))?;
+            }
+            b'.' | b',' if !behind => behind = true,
+            _ => return None,
+        }
+    }
+    (ns > 0).then_some(ns)
+}
+
 /// Reads the cells of a time column.
 #[derive(Debug, Clone)]
 pub(super) struct Clock {
@@ -62,6 +87,9 @@ pub(super) struct Clock {
     decimal_comma: bool,
     /// Of instants, the first.
     first_ns: Option<i64>,
+    /// Of times of day, the last, and the days that have passed, both ns.
+    last_ns: i64,
+    days_ns: i64,
     /// Most digits seen behind the separator, and in all.
     behind: i32,
     significant: i32,
@@ -69,12 +97,23 @@ pub(super) struct Clock {
 
 impl Clock {
     pub(super) fn new(kind: TimeKind, decimal_comma: bool) -> Self {
-        Self { kind, decimal_comma, first_ns: None, behind: i32::MIN, significant: 1 }
+        Self {
+            kind,
+            decimal_comma,
+            first_ns: None,
+            last_ns: 0,
+            days_ns: 0,
+            behind: i32::MIN,
+            significant: 1,
+        }
     }
 
     /// Nanoseconds since 1970 of the first row, if its date is known.
     pub(super) fn start_ns(&self) -> Option<i64> {
-        self.first_ns.filter(|_| self.kind == TimeKind::Instant)
+        match self.kind {
+            TimeKind::Instant | TimeKind::Since1970 { .. } => self.first_ns,
+            TimeKind::Number { .. } | TimeKind::OfDay => None,
+        }
     }
 
     /// Reads a cell; `None` if it is no time.
@@ -84,13 +123,30 @@ impl Clock {
                 let value = cell::number(cell, self.decimal_comma).filter(|t| t.is_finite())?;
                 (value * unit_s, self.quantum(cell, value) * unit_s)
             }
-            TimeKind::Instant | TimeKind::OfDay => {
+            TimeKind::Since1970 { unit_ns } => {
+                let ns = since_1970_ns(cell, unit_ns)?;
+                let (behind, _) = cell::digits(cell);
+                self.behind = self.behind.max(behind);
+                let printed = unit_ns as f64 * 1e-9 * 10_f64.powi(self.behind.saturating_neg());
+                (self.since_first_s(ns)?, printed.max(1e-9))
+            }
+            TimeKind::Instant => {
                 let (ns, _) = instant(cell)?;
-                let first = *self.first_ns.get_or_insert(ns);
-                (ns.checked_sub(first)? as f64 * 1e-9, self.quantum_of_seconds(cell))
+                (self.since_first_s(ns)?, self.quantum_of_seconds(cell))
+            }
+            TimeKind::OfDay => {
+                let (ns, _) = instant(cell)?;
+                self.days_ns += if self.last_ns - ns > MIDNIGHT_NS { DAY_NS } else { 0 };
+                self.last_ns = ns;
+                (self.since_first_s(ns + self.days_ns)?, self.quantum_of_seconds(cell))
             }
         };
         Some(RowTime { time_s, line, quantum_s })
+    }
+
+    fn since_first_s(&mut self, ns: i64) -> Option<f64> {
+        let first = *self.first_ns.get_or_insert(ns);
+        Some(ns.checked_sub(first)? as f64 * 1e-9)
     }
 
     /// Worth of the last digit: of the most digits seen, for zeros at the end may be left out.

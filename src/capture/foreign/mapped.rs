@@ -23,8 +23,9 @@ use crate::capture::open::Opened;
 use crate::capture::received::RawSamples;
 use crate::capture::rows::{Column, Rows, Source};
 use crate::capture::segments::Segments;
+use crate::capture::table;
 use crate::machine::Machine;
-use crate::signal::{ChannelIndex, ChannelInfo};
+use crate::signal::{ChannelIndex, ChannelInfo, Timestamp};
 use crate::units::{Hz, SourceUnit};
 use std::collections::BTreeMap;
 
@@ -54,6 +55,8 @@ pub(in crate::capture) fn open(
     let (described, sources) = mapped.tables(planned)?;
     let absent_channels = absent_channels(machine, &described);
     let Facts { start_time, machine: machine_text, shaft_speed, others, .. } = facts;
+    let counted = || mapped.axes.values().find_map(|axis| axis.start_ns).map(Timestamp);
+    let start_time = start_time.or_else(counted);
     let several = segments.len() > 1;
     let info = CaptureInfo {
         file: checks.path.into(),
@@ -197,7 +200,10 @@ impl Mapped<'_> {
             };
             let key = (path.clone(), length);
             if !self.axes.contains_key(&key) {
-                self.axes.insert(key.clone(), TimeAxis::read(self.places, path, length)?);
+                let axis = TimeAxis::read(self.places, path, length)?;
+                let slow = table::slow(axis.rate);
+                self.notes.extend(slow.map(|words| format!("time={path}: {words}")));
+                self.axes.insert(key.clone(), axis);
             }
             return Ok((self.axes[&key].rate, Some(path.clone())));
         }

@@ -299,6 +299,9 @@ impl Dataset {
             Number::U32 => wide(&self.elements::<u32>(starts, counts)?, |&x| f64::from(x)),
             Number::I64 => wide(&self.elements::<i64>(starts, counts)?, |&x| x as f64),
             Number::U64 => wide(&self.elements::<u64>(starts, counts)?, |&x| x as f64),
+            Number::F16 if starts.is_empty() => {
+                RawSamples::F64(hdf5::guarded(|| self.inner.read_numeric_as::<f64>())?)
+            }
             Number::F16 => RawSamples::F64(hdf5::guarded(|| {
                 self.inner.read_numeric_slice_as::<f64>(starts, counts)
             })?),
@@ -320,11 +323,36 @@ impl Dataset {
         })
     }
 
+    /// Integers of 64 bits, which float64 would round; `None` for other numbers.
+    ///
+    /// Unsigned ones are wrapped, so that their differences are right.
+    pub(super) fn integers_of_64_bits(
+        &self,
+        number: Number,
+        starts: &[usize],
+        counts: &[usize],
+    ) -> Result<Option<Vec<i64>>, LibraryError> {
+        Ok(match number {
+            Number::I64 => Some(self.elements(starts, counts)?),
+            Number::U64 => {
+                let raw = self.elements::<u64>(starts, counts)?;
+                Some(raw.into_iter().map(u64::cast_signed).collect())
+            }
+            Number::F16 | Number::F32 | Number::F64 => None,
+            Number::I8 | Number::I16 | Number::I32 => None,
+            Number::U8 | Number::U16 | Number::U32 => None,
+        })
+    }
+
     fn elements<T: H5Type>(
         &self,
         starts: &[usize],
         counts: &[usize],
     ) -> Result<Vec<T>, LibraryError> {
+        if starts.is_empty() {
+            // One element without dimensions, which the library gives only whole.
+            return hdf5::guarded(|| self.inner.read_raw::<T>());
+        }
         hdf5::guarded(|| self.inner.read_slice::<T>(starts, counts))
     }
 

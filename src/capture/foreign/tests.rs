@@ -371,3 +371,65 @@ fn flipped_bytes_are_an_error_or_bounded() {
     }
     assert!(n_read > 50 && n_refused > 15, "{n_read} read, {n_refused} refused");
 }
+
+#[test]
+fn values_without_dimensions_are_read_and_suggested() {
+    let file = Foreign::new(|file| {
+        let scalar = |name: &str, value: f64| {
+            let dataset = file.inner.new_dataset::<f64>().scalar().create(name).unwrap();
+            dataset.write_raw(&[value]).unwrap();
+        };
+        scalar("fs", 12_000.0);
+        scalar("dt", 1e-3);
+        let speed = file.inner.new_dataset::<i32>().scalar().create("rpm").unwrap();
+        speed.write_raw(&[1500_i32]).unwrap();
+        put(file, "x", &[N], &vec![0.5_f32; N], None);
+    });
+    let inventory = Inventory::examine(&file.path).unwrap();
+    let options = inventory.map_options();
+    assert_eq!(options, ["x=/x,rate=/fs", "@shaft_speed=/rpm,unit=rpm"]);
+    let text = inventory.to_string();
+    assert!(text.contains("/fs: float64, one element, contiguous = 12000\n"), "{text}");
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let (_, _, reader) = file.read(&options);
+    assert_eq!(reader.info().channels[0].info.sample_rate, Hz(12_000.0));
+    assert_eq!(reader.info().shaft_speed, Some(Hz(25.0)));
+    let (_, _, reader) = file.read(&["x=/x,interval=/dt"]);
+    assert_eq!(reader.info().channels[0].info.sample_rate, Hz(1000.0));
+    assert!(file.refused("x=/fs,rate=1").contains("one element"));
+}
+
+#[test]
+fn times_are_in_the_unit_stated_or_told_by_their_size() {
+    let file = Foreign::new(|file| {
+        let of = |scale: f64| (0..N).map(|k| k as f64 * scale).collect::<Vec<f64>>();
+        let units = [("ms", "ms", 0.5), ("cf", "microseconds since start", 500.0), ("h", "h", 0.5)];
+        for (name, unit, scale) in units {
+            let dataset = file.inner.new_dataset::<f64>().shape([N]).create(name).unwrap();
+            dataset.write_raw(&of(scale)).unwrap();
+            dataset
+                .new_attr::<::hdf5::VarLenUnicode>()
+                .create("units")
+                .unwrap()
+                .write_string(unit)
+                .unwrap();
+        }
+        // 2 MHz: steps of 500 ns, where float64 has steps of 256 ns.
+        let ns: Vec<i64> = (0..5000).map(|k| 1_700_000_000_000_000_003 + k * 500).collect();
+        put(file, "ns", &[N], &ns, None);
+        put(file, "s", &[N], &of(1.0), None);
+        put(file, "x", &[N], &vec![0.5_f32; N], None);
+    });
+    for (times, rate_hz) in [("ms", 2000.0), ("cf", 2000.0), ("ns", 2e6), ("s", 1.0)] {
+        let (_, _, reader) = file.read(&[&format!("x=/x,time=/{times}")]);
+        let info = reader.info();
+        let found = info.channels[0].info.sample_rate.0;
+        // 5000 steps, each with a rounding.
+        assert!((found / rate_hz - 1.0).abs() < 1e-9, "{times}: {found}");
+        let start = (times == "ns").then_some(1_700_000_000_000_000_003);
+        assert_eq!(info.start_time.map(|time| time.0), start, "{times}");
+        let doubted = info.notes.iter().any(|note| note.contains("are they in seconds?"));
+        assert_eq!(doubted, times == "s", "{:?}", info.notes);
+    }
+    assert!(file.refused("x=/x,time=/h").contains("expected s, ms, us or ns"));
+}

@@ -5,9 +5,11 @@
 //! against its place. Must not know channels.
 
 use super::grid::Strip;
-use super::objects::Element;
+use super::objects::{Element, Number};
 use super::places::{Places, Problem};
 use crate::capture::checks::Chunks;
+use crate::capture::hdf5::{Attribute, Dataset};
+use crate::capture::since_1970;
 use crate::units::Hz;
 
 /// Elements read at once, rounded up to whole chunks.
@@ -31,6 +33,8 @@ pub(super) struct TimeAxis {
     pub(super) starts: Vec<i64>,
     /// Time of each of them after the first sample, s.
     pub(super) times_s: Vec<f64>,
+    /// Nanoseconds since 1970 of the first sample, if the times count from there.
+    pub(super) start_ns: Option<i64>,
 }
 
 impl TimeAxis {
@@ -62,25 +66,109 @@ impl TimeAxis {
         let (chunk, _) = places.checks.box_storage(&dataset, &at, bytes, &slab, chunks)?;
         let chunk = chunk.map_or(1, |extents| extents[strip.axis]);
         let piece = PIECE.next_multiple_of(chunk.max(1));
-        let read = |start: u64, count: u64| -> Result<Vec<f64>, Problem> {
-            let clamp = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
-            let corner = strip.corner(clamp(start), strip.at);
-            let extents = strip.extents(clamp(count), 1);
-            let times = dataset.numbers(number, &corner, &extents);
-            Ok(times.map_err(|e| places.checks.library(path, e))?)
-        };
+        let stored = Stored { places, path, dataset, number, strip };
+        let scale = Scale::find(&stored, length)?;
+        let read = |start: u64, count: u64| scale.seconds(&stored, start, count);
         let mut axis = Builder::default();
         each_piece(length, piece, &read, |times| axis.take(times))
             .and_then(|()| axis.finish().map_err(Problem::Words))
             .and_then(|axis| {
                 let mut check = Check { axis: &axis, run: 0, at: 0, first: None };
                 each_piece(length, piece, &read, |times| check.take(times))?;
-                Ok(axis)
+                Ok(Self { start_ns: scale.start_ns, ..axis })
             })
             .map_err(|problem| match problem {
                 Problem::Words(words) => Problem::Words(format!("time={path}: {words}")),
                 whole @ Problem::Whole(_) => whole,
             })
+    }
+}
+
+/// The numbers of a vector of times as they are stored.
+struct Stored<'a> {
+    places: Places<'a>,
+    path: &'a str,
+    dataset: Dataset,
+    number: Number,
+    strip: Strip,
+}
+
+/// How stored numbers become seconds.
+struct Scale {
+    unit_s: f64,
+    /// What is taken off, so that differences keep their digits.
+    base: f64,
+    base_integer: i64,
+    start_ns: Option<i64>,
+}
+
+impl Scale {
+    /// By the attribute `unit` or `units`, and by the magnitude of the first time.
+    fn find(stored: &Stored<'_>, length: u64) -> Result<Self, Problem> {
+        let stated_s = stored.unit_s()?;
+        let none = Self { unit_s: 1.0, base: 0.0, base_integer: 0, start_ns: None };
+        let (corner, extents) = stored.place(0, length.min(1));
+        let library = |e| stored.places.checks.library(stored.path, e);
+        let integers = stored.dataset.integers_of_64_bits(stored.number, &corner, &extents);
+        let integer = integers.map_err(library)?.and_then(|found| found.first().copied());
+        let first = none.seconds(stored, 0, length.min(1))?.first().copied().unwrap_or(0.0);
+        let unit_ns = since_1970::unit_ns(first, stated_s);
+        let of_unit = |unit_ns: i64| match integer {
+            Some(integer) => integer.checked_mul(unit_ns),
+            #[expect(clippy::cast_possible_truncation, reason = "a float saturates")]
+            None => Some((first * unit_ns as f64).round() as i64),
+        };
+        Ok(Self {
+            unit_s: unit_ns.map_or(stated_s.unwrap_or(1.0), |unit_ns| unit_ns as f64 * 1e-9),
+            base: if unit_ns.is_some() { first } else { 0.0 },
+            base_integer: integer.filter(|_| unit_ns.is_some()).unwrap_or(0),
+            start_ns: unit_ns.and_then(of_unit),
+        })
+    }
+
+    fn seconds(&self, stored: &Stored<'_>, start: u64, count: u64) -> Result<Vec<f64>, Problem> {
+        let (corner, extents) = stored.place(start, count);
+        let library = |e| stored.places.checks.library(stored.path, e);
+        let integers = stored.dataset.integers_of_64_bits(stored.number, &corner, &extents);
+        if let Some(integers) = integers.map_err(library)? {
+            let since = |time: i64| time.wrapping_sub(self.base_integer) as f64;
+            return Ok(integers.into_iter().map(|time| since(time) * self.unit_s).collect());
+        }
+        let times = stored.dataset.numbers(stored.number, &corner, &extents).map_err(library)?;
+        Ok(times.into_iter().map(|time| (time - self.base) * self.unit_s).collect())
+    }
+}
+
+impl Stored<'_> {
+    fn place(&self, start: u64, count: u64) -> (Vec<usize>, Vec<usize>) {
+        let clamp = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+        (self.strip.corner(clamp(start), self.strip.at), self.strip.extents(clamp(count), 1))
+    }
+
+    /// Seconds in the unit that an attribute of the times states.
+    fn unit_s(&self) -> Result<Option<f64>, Problem> {
+        for name in ["unit", "units"] {
+            let found = self.dataset.attribute(name);
+            let found = found.map_err(|e| self.places.checks.library(self.path, e))?;
+            let Some(Attribute::Text(text)) = found else { continue };
+            // "seconds since 1970-01-01", as climate conventions write it.
+            let word = text.split(" since ").next().unwrap_or_default().trim().to_lowercase();
+            return match word.as_str() {
+                "" => continue,
+                "s" | "sec" | "secs" | "second" | "seconds" => Ok(Some(1.0)),
+                "ms" | "msec" | "millisecond" | "milliseconds" => Ok(Some(1e-3)),
+                "us" | "µs" | "μs" | "usec" | "microsecond" | "microseconds" => Ok(Some(1e-6)),
+                "ns" | "nsec" | "nanosecond" | "nanoseconds" => Ok(Some(1e-9)),
+                _ => {
+                    let (path, found) = (self.path, Attribute::Text(text).describe());
+                    Err(format!(
+                        "time={path}: attribute {name} is {found}; expected s, ms, us or ns; or give rate=HZ instead"
+                    )
+                    .into())
+                }
+            };
+        }
+        Ok(None)
     }
 }
 
@@ -161,7 +249,7 @@ impl Builder {
             return Err("no two times without a gap between them; give rate=HZ instead".into());
         }
         let rate = Hz(self.n_steps as f64 / self.span_s);
-        Ok(TimeAxis { rate, starts: self.starts, times_s: self.times_s })
+        Ok(TimeAxis { rate, starts: self.starts, times_s: self.times_s, start_ns: None })
     }
 }
 
@@ -195,7 +283,7 @@ struct Check<'a> {
 
 impl Check<'_> {
     fn take(&mut self, times: &[f64]) -> Result<(), String> {
-        let TimeAxis { rate, starts, times_s } = self.axis;
+        let TimeAxis { rate, starts, times_s, .. } = self.axis;
         for &time in times {
             let begins = |start: &i64| u64::try_from(*start).is_ok_and(|start| start <= self.at);
             while starts.get(self.run + 1).is_some_and(begins) {

@@ -210,6 +210,7 @@ fn data<R: Read + Seek>(
         }
         _ => u64::from(declared),
     };
+    notes.extend(unread(file, (begin, length), file_bytes)?);
     let rest = length % frame_bytes;
     if rest > 0 {
         notes.push(format!("{rest} bytes at the end are no sample of every channel and not used"));
@@ -220,6 +221,29 @@ fn data<R: Read + Seek>(
     }
     let Format { encoding, n_channels, rate_hz } = format;
     Ok(Header { encoding, n_channels, rate_hz, data_at: begin, n_frames, notes })
+}
+
+/// What stands behind the samples if that is no chunks; an error if it must be samples too.
+fn unread<R: Read + Seek>(
+    file: &mut R,
+    (begin, length): (u64, u64),
+    file_bytes: u64,
+) -> Result<Option<String>, HeaderError> {
+    let end = begin + length + length % 2;
+    let n_unread = file_bytes.saturating_sub(end);
+    if length == 0 || n_unread == 0 || chunks_to_the_end(file, end, file_bytes)? {
+        return Ok(None);
+    }
+    if n_unread > length {
+        return problem(format!(
+            "the header states {length} bytes of samples, {n_unread} bytes follow that are no chunks: a length over \
+             4 GB is stated without its upper digits; make the header fit, e.g. sox --ignore-length in.wav out.wav"
+        ));
+    }
+    let note = format!(
+        "behind the {length} bytes of samples that the header states are {n_unread} more that are no chunks: not used"
+    );
+    Ok(Some(note))
 }
 
 /// Whether chunks follow one another exactly to the end of the file.

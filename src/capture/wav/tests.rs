@@ -217,3 +217,20 @@ fn flipped_and_cut_bytes_are_an_error_or_samples() {
         assert!(n_read > 100, "{n_read}: not every byte can matter");
     }
 }
+
+#[test]
+fn samples_behind_the_stated_length_are_told() {
+    let mut bytes = written(16, SampleFormat::Int, 2);
+    let at = length_at(&bytes);
+    let whole = u32::try_from(bytes.len() - at - 4).unwrap();
+    for (length, is_read) in [(whole - 400, true), (400, false)] {
+        bytes[at..at + 4].copy_from_slice(&length.to_le_bytes());
+        match read(&bytes, &Hints::default()) {
+            Ok((info, _)) => assert!(is_read && info.notes[0].contains("400 more"), "{info}"),
+            Err(error) => assert!(!is_read && error.to_string().contains("over 4 GB"), "{error}"),
+        }
+    }
+    bytes[at..at + 4].copy_from_slice(&whole.to_le_bytes());
+    bytes.extend(b"LIST\x04\0\0\0INFO");
+    assert!(read(&bytes, &Hints::default()).unwrap().0.notes.is_empty());
+}

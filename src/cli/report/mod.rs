@@ -52,8 +52,11 @@ pub fn text(diagnosis: &Diagnosis, capture: &str, layout: &Layout) -> String {
     }
     timeline::append(&mut out, diagnosis, page);
     baselines(&mut out, diagnosis, page);
-    if !diagnosis.warnings.is_empty() {
+    if !(diagnosis.notes.is_empty() && diagnosis.warnings.is_empty()) {
         out.push('\n');
+    }
+    for note in &diagnosis.notes {
+        page.hanging(&mut out, 0, INDENT, &clean(&format!("note: {note}")));
     }
     for warning in &diagnosis.warnings {
         page.hanging(&mut out, 0, INDENT, &format!("warning: {warning}"));

@@ -77,6 +77,7 @@ pub(super) fn diagnosis() -> Diagnosis {
             sensor,
         ],
         warnings: vec!["channel `left_x`: the data say g".into()],
+        notes: vec!["guessed: separator ';', decimal comma".into()],
         baselines: vec![
             BaselineUse { name: "a.h5".into(), used: true, reason: "speed fits".into() },
             BaselineUse { name: "b.h5".into(), used: false, reason: "its speed differs".into() },
@@ -109,7 +110,7 @@ fn every_fact_of_the_diagnosis_is_told() {
         "bearing left: healthy\n",
         "shaft main: undetermined\n  the reason of main\n",
         "sensor right_y: WARNING, clipped\n",
-        "warning: channel `left_x`: the data say g",
+        "note: guessed: separator ';', decimal comma\nwarning: channel `left_x`: the data say g",
         "  a.h5: used, speed fits",
         "  b.h5: not used, its speed differs",
         "it can prove change, not health",
