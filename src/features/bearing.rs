@@ -156,6 +156,8 @@ pub struct LineSearch {
     pub line: DefectLine,
     /// Kinematic rate.
     pub expected: Hz,
+    /// Limits of that rate which the geometry leaves, slip not counted.
+    pub band: RelativeBand,
     /// Speed of the bearing's shaft.
     pub shaft_speed: Hz,
     /// Spacing of the line's side bands.

@@ -15,6 +15,16 @@ pub fn searched_range(line: DefectLine, expected: Hz, band: RelativeBand) -> (Hz
     (Hz(expected.0 * (1.0 + both.low)), Hz(expected.0 * (1.0 + both.high)))
 }
 
+/// A rate known less well than this is uncertain beside the whole range of slip, −2…+1 %.
+const WIDE: f64 = 0.03;
+
+/// Whether the geometry leaves a line's rate open by more than slip does: where the line was found
+/// then says little of whose it is.
+#[must_use]
+pub fn is_wide(band: RelativeBand) -> bool {
+    band.widest() > WIDE
+}
+
 /// Finds which known line, if any, blocks a line whose geometry leaves `band`: one of those that
 /// together cover every place it may stand at without slip.
 #[must_use]

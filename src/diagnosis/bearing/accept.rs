@@ -1,5 +1,6 @@
 //! Which lines are proven: weighed over the bands, accepted strongest first, each explaining others.
 
+use super::owner;
 use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
@@ -26,16 +27,30 @@ pub(super) struct Candidate<'a> {
 }
 
 /// An accepted line, and what it explains elsewhere.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Accepted<'a> {
-    pub(super) bearing: BearingIndex,
-    pub(super) line: DefectLine,
     pub(super) frequency: Hz,
     pub(super) spacing: Hz,
-    pub(super) search: &'a LineSearch,
+    /// Whose it is; several where it cannot be decided.
+    pub(super) owners: Vec<&'a LineSearch>,
 }
 
-impl Accepted<'_> {
+impl<'a> Accepted<'a> {
+    /// Whether it is, or may be, this line of this bearing.
+    pub(super) fn is_of(&self, bearing: BearingIndex, line: DefectLine) -> bool {
+        self.owners.iter().any(|s| (s.bearing, s.line) == (bearing, line))
+    }
+
+    /// Whether it was accepted by `search`.
+    pub(super) fn is_by(&self, search: &LineSearch) -> bool {
+        self.owners.iter().any(|s| std::ptr::eq(*s, search))
+    }
+
+    /// The searches besides `search` that it may belong to as well.
+    pub(super) fn others(&self, search: &LineSearch) -> Vec<&'a LineSearch> {
+        self.owners.iter().copied().filter(|s| !std::ptr::eq(*s, search)).collect()
+    }
+
     /// Whether `frequency` is a harmonic or side band of this line.
     pub(super) fn explains(&self, frequency: Hz, resolution: Hz) -> bool {
         (0..=4).any(|k| {
@@ -71,8 +86,7 @@ impl<'a> Candidate<'a> {
     pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
         let readings = search.outcome.as_deref().unwrap_or(&[]);
         // A line is weighed as it was accepted: against those accepted before it.
-        let before =
-            accepted.iter().take_while(|a| (a.bearing, a.line) != (search.bearing, search.line));
+        let before = accepted.iter().take_while(|a| !a.is_of(search.bearing, search.line));
         let before: Vec<&Accepted<'_>> = before.collect();
         let own =
             |r: &BandReading| !before.iter().any(|a| a.explains(r.frequency, search.resolution));
@@ -106,16 +120,20 @@ pub(super) fn n_looks(features: &WindowFeatures, bearing: BearingIndex) -> f64 {
         as f64
 }
 
-/// Accepts proven lines, strongest first, until none is left that the accepted do not explain.
+/// Accepts proven lines, strongest first, for those they may belong to, until none is left that the accepted do not explain.
 ///
 /// Cage lines come last and only for bearings without another: every defect's line carries the
 /// cage rate as soon as the elements differ from one another.
 pub(super) fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
     let mut accepted = Vec::new();
     accept_among(features, &mut accepted, |line| line != DefectLine::Ftf);
-    let with_race: Vec<BearingIndex> = accepted.iter().map(|a| a.bearing).collect();
+    let with_race: Vec<BearingIndex> =
+        accepted.iter().flat_map(|a| a.owners.iter().map(|s| s.bearing)).collect();
     accept_among(features, &mut accepted, |line| line == DefectLine::Ftf);
-    accepted.retain(|a| a.line != DefectLine::Ftf || !with_race.contains(&a.bearing));
+    for found in &mut accepted {
+        found.owners.retain(|s| s.line != DefectLine::Ftf || !with_race.contains(&s.bearing));
+    }
+    accepted.retain(|a| !a.owners.is_empty());
     accepted
 }
 
@@ -129,7 +147,7 @@ pub(super) fn accept_among<'a>(
             .bearing_lines
             .iter()
             .filter(|s| eligible(s.line))
-            .filter(|s| !accepted.iter().any(|a| (a.bearing, a.line) == (s.bearing, s.line)))
+            .filter(|s| !accepted.iter().any(|a| a.is_of(s.bearing, s.line)))
             .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
             .filter(Candidate::is_proven)
             .max_by(|a, b| (a.depth() * a.part()).total_cmp(&(b.depth() * b.part())));
@@ -138,16 +156,15 @@ pub(super) fn accept_among<'a>(
         };
         let search = heard_best(features, candidate, best.frequency, accepted);
         accepted.push(Accepted {
-            bearing: search.bearing,
-            line: search.line,
             frequency: best.frequency,
             spacing: search.side_band_spacing,
-            search,
+            owners: owner::owners(features, search, best.frequency),
         });
     }
 }
 
-/// Among equal bearings the line belongs to the one whose sensor shows it with the most power.
+/// Among equal bearings with a sensor each the line belongs to the one whose sensor shows it with the
+/// most power. Those that share the candidate's channel are told apart by [`owner::owners`].
 pub(super) fn heard_best<'a>(
     features: &'a WindowFeatures,
     candidate: &Candidate<'a>,
@@ -158,7 +175,8 @@ pub(super) fn heard_best<'a>(
         .bearing_lines
         .iter()
         .filter(|s| s.line == candidate.search.line)
-        .filter(|s| !accepted.iter().any(|a| (a.bearing, a.line) == (s.bearing, s.line)))
+        .filter(|s| s.channel != candidate.search.channel || std::ptr::eq(*s, candidate.search))
+        .filter(|s| !accepted.iter().any(|a| a.is_of(s.bearing, s.line)))
         .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
         .filter(|c| c.is_proven())
         .filter(|c| {

@@ -27,8 +27,7 @@ pub(super) fn evidence(
     let mut found = Vec::new();
     for line in DefectLine::ALL {
         let of_line = || candidates.iter().filter(|c| c.search.line == line);
-        let is_accepted =
-            |c: &&Candidate<'_>| accepted.iter().any(|a| std::ptr::eq(a.search, c.search));
+        let is_accepted = |c: &&Candidate<'_>| accepted.iter().any(|a| a.is_by(c.search));
         let rank = |c: &Candidate<'_>| (c.depth(), -c.probability);
         let deepest = || {
             of_line().max_by(|a, b| {
@@ -41,7 +40,7 @@ pub(super) fn evidence(
     }
     let resolution = features.bearing_lines.iter().map(|s| s.resolution.0).fold(0.0, f64::max);
     let explained = |l: &AbsoluteLine| {
-        let others = accepted.iter().filter(|a| (a.bearing, a.line) != (bearing, l.line));
+        let others = accepted.iter().filter(|a| !a.is_of(bearing, l.line));
         others.into_iter().any(|a| a.explains(l.reading.frequency, Hz(resolution)))
     };
     let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));

@@ -8,6 +8,7 @@
 mod accept;
 mod evidence;
 mod grown;
+mod owner;
 
 use super::Context;
 use super::confidence;
@@ -69,15 +70,25 @@ fn judge_one(
         .map(|s| Candidate::weigh(s, accepted, looks))
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
-    let own: Vec<&Accepted<'_>> = accepted.iter().filter(|a| a.bearing == bearing).collect();
-    let proven: Vec<&Candidate<'_>> = own
-        .iter()
-        .filter_map(|a| candidates.iter().find(|c| std::ptr::eq(c.search, a.search)))
-        .filter(|c| c.is_proven())
-        .collect();
-    match proven.first() {
-        Some(first) => accuse(&mut verdict, first, &proven[1..], &candidates, features, context),
-        None => match grown::strongest(bearing, features, context, accepted) {
+    let mut proven: Vec<&Candidate<'_>> = Vec::new();
+    let mut shared = Vec::new();
+    for found in accepted {
+        let own = candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search));
+        for candidate in own {
+            match found.others(candidate.search) {
+                others if others.is_empty() => proven.push(candidate),
+                others => shared.push((candidate, others)),
+            }
+        }
+    }
+    match (proven.first(), shared.first()) {
+        (Some(first), _) => {
+            accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
+        }
+        (None, Some((first, others))) => {
+            warn_of_shared(&mut verdict, first, others, features, context)
+        }
+        (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
             None => acquit(&mut verdict, &candidates, &searches, accepted, features),
         },
@@ -207,6 +218,26 @@ fn accuse(
             rival.search.line.name()
         );
     }
+}
+
+/// Fills in a warning without a cause: the line is as well that of another element or bearing.
+fn warn_of_shared(
+    verdict: &mut ComponentDiagnosis,
+    first: &Candidate<'_>,
+    others: &[&LineSearch],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    verdict.state = State::Warning;
+    verdict.severity = Some(severity::not_damaged(severity::of_depth(first.depth())));
+    verdict.confidence = Some(0.7 * features.speed.confidence);
+    let name =
+        |s: &&LineSearch| format!("{} of {}", s.line.name(), context.machine.bearing(s.bearing).id);
+    verdict.why = format!(
+        "{}; at this geometry it coincides with {}, cause not proven",
+        sentence(first, context),
+        others.iter().map(name).collect::<Vec<_>>().join(" and "),
+    );
 }
 
 /// Fills in an accusation by a grown line of the absolute vibration.

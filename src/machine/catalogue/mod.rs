@@ -77,6 +77,14 @@ pub enum Unresolved {
         /// Nearest designations.
         nearest: Vec<&'static str>,
     },
+    /// Two basic designations.
+    #[error("names two bearings, {first} and {second}: write one")]
+    TwoDesignations {
+        /// The first.
+        first: String,
+        /// The other.
+        second: String,
+    },
     /// A cylindrical roller bearing without the letter of its design.
     #[error(
         "{base} is the older design with other rollers, which is not in the catalogue; if it is the reinforced one, write {base}E"
@@ -108,6 +116,10 @@ pub fn resolve(text: &str) -> Result<Resolved, Unresolved> {
     let Some(written) = written::read(text) else {
         return Err(Unresolved::Unknown { nearest: nearest(text) });
     };
+    if let Some(second) = &written.second {
+        let (first, second) = (written.base.clone(), second.clone());
+        return Err(Unresolved::TwoDesignations { first, second });
+    }
     let mut remarks = Vec::new();
     let (designation, known) = known_rows(&written, &mut remarks)?;
     let makers: BTreeSet<&str> = known.iter().flat_map(|row| row.makers.clone()).collect();

@@ -83,7 +83,8 @@ const COMMON: Table = &[
 
 const ANGULAR: Table = &[
     (&["ACD", "ACE", "AC", "A5"], Meaning::ContactAngle(25.0)),
-    (&["CD", "CE", "C"], Meaning::ContactAngle(15.0)),
+    // CT is C with a cage of polyamide (7205 CTYNSULP4), not a clearance of motors.
+    (&["CD", "CE", "CT", "C"], Meaning::ContactAngle(15.0)),
     (&["BEA", "BE", "BG", "B"], Meaning::ContactAngle(40.0)),
     (&["A"], Meaning::ContactAngle(30.0)),
     (&["E"], Meaning::ContactAngle(25.0)),
@@ -134,4 +135,28 @@ pub(super) fn take_apart(chunk: &str, series: Series) -> Option<Vec<(String, Mea
         parts.extend(take_apart(&chunk[name.len()..], series)?);
         Some(parts)
     })
+}
+
+/// Takes the longest head of known suffixes off a chunk that ends in something else, if it tells of
+/// the inside: an unknown tail must not hide the letter of the contact angle. The rest is unknown.
+pub(super) fn peel(chunk: &str, series: Series) -> Vec<(String, Meaning)> {
+    let decides = |meaning: &Meaning| {
+        matches!(
+            meaning,
+            Meaning::ContactAngle(_) | Meaning::Reinforced | Meaning::OtherElements(_)
+        )
+    };
+    let heads = (1..chunk.len()).rev().filter(|at| chunk.is_char_boundary(*at));
+    let mut known = heads.filter_map(|at| {
+        let parts = take_apart(&chunk[..at], series)?;
+        parts.iter().any(|(_, meaning)| decides(meaning)).then_some((at, parts))
+    });
+    let mut parts = Vec::new();
+    let mut rest = chunk;
+    if let Some((at, found)) = known.next() {
+        parts = found;
+        rest = &chunk[at..];
+    }
+    parts.push((rest.to_owned(), Meaning::Unknown));
+    parts
 }

@@ -81,6 +81,8 @@ pub(super) struct Written {
     pub(super) series: Series,
     /// `6205`, `7205`, `NU205`: no suffix, forms of roller bearings as NU.
     pub(super) base: String,
+    /// Another basic designation behind the first.
+    pub(super) second: Option<String>,
     pub(super) parts: Vec<Part>,
 }
 
@@ -115,17 +117,25 @@ pub(super) fn read(text: &str) -> Option<Written> {
         let meaning = Meaning::Outside("flanges; the rollers are those of NU");
         parts.push(Part { text: form.to_owned(), meaning });
     }
+    let second = second_designation(tokens.get(n_used..).unwrap_or_default());
     let chunks =
         std::iter::once(rest).chain(tokens.get(n_used..).unwrap_or_default().iter().copied());
     for chunk in chunks {
-        match suffix::take_apart(chunk, series) {
-            Some(known) => {
-                parts.extend(known.into_iter().map(|(text, meaning)| Part { text, meaning }))
-            }
-            None => parts.push(Part { text: chunk.to_owned(), meaning: Meaning::Unknown }),
-        }
+        let known =
+            suffix::take_apart(chunk, series).unwrap_or_else(|| suffix::peel(chunk, series));
+        parts.extend(known.into_iter().map(|(text, meaning)| Part { text, meaning }));
     }
-    Some(Written { maker: maker.or(glued), series, base, parts })
+    Some(Written { maker: maker.or(glued), series, base, second, parts })
+}
+
+/// The first of `tokens` that is a basic designation rather than a suffix: one of the series here, or
+/// digits alone as of another series (`2205`).
+fn second_designation(tokens: &[&str]) -> Option<String> {
+    let is_number = |t: &str| (4..=5).contains(&t.len()) && t.bytes().all(|b| b.is_ascii_digit());
+    let apart = tokens.windows(2).filter(|pair| ROLLER_FORMS.contains(&pair[0]));
+    let whole = tokens.iter().filter(|t| core_of(t).is_some() || is_number(t));
+    let whole = whole.map(|t| (*t).to_owned());
+    whole.chain(apart.map(<[&str]>::concat).filter(|t| core_of(t).is_some())).next()
 }
 
 /// Takes a known prefix off, standing apart (`W 6205`) or not (`W6205`).

@@ -158,6 +158,25 @@ fn unknown_designations_name_their_neighbours() {
 }
 
 #[test]
+fn two_designations_are_none() {
+    for text in ["6205 6206", "6205/2205", "SKF 6205-2RS, NU 205 ECP", "7205B 7206B"] {
+        let error = resolve(text).unwrap_err();
+        assert!(matches!(error, Unresolved::TwoDesignations { .. }), "{text}: {error}");
+    }
+    assert!(resolve("6205 6206").unwrap_err().to_string().contains("6205 and 6206"));
+}
+
+#[test]
+fn an_unknown_tail_hides_no_contact_angle() {
+    let degrees = |text: &str| found(text).geometry.contact_angle_rad().to_degrees();
+    assert!((degrees("7205 CTYNSULP4") - 15.0).abs() < 0.1);
+    let resolved = found("NTN 7205BQQ7");
+    assert!((degrees("NTN 7205BQQ7") - 40.0).abs() < 0.1);
+    assert!(resolved.ignored().contains("QQ7 (not known)"), "{}", resolved.ignored());
+    assert!(resolved.bands(INNER).bpfo.widest() > 0.05, "the tail may mean anything");
+}
+
+#[test]
 fn rows_are_listed_by_their_beginning() {
     assert!(beginning_with("62").iter().all(|row| row.designation.starts_with("62")));
     assert!(beginning_with("nu 2").len() > 20);
@@ -175,7 +194,10 @@ proptest! {
     #[test]
     fn any_suffix_keeps_the_bearing(suffix in "[-/ .A-Z0-9]{0,12}") {
         // Whatever follows after a separator, the basic designation stays, and so do its limits.
-        let resolved = resolve(&format!("SKF 6205 {suffix}")).unwrap();
+        let resolved = match resolve(&format!("SKF 6205 {suffix}")) {
+            Err(Unresolved::TwoDesignations { .. }) => return Ok(()),
+            other => other.unwrap(),
+        };
         prop_assert_eq!(resolved.designation, "6205");
         prop_assert_eq!(resolved.geometry.elements(), 9);
     }

@@ -1,0 +1,71 @@
+//! Whose a found line is, where one rate satisfies several lines a channel listens for: of one
+//! bearing at some geometries, of several bearings on one shaft. Never decided by order.
+
+use crate::diagnosis::confidence;
+use crate::features::WindowFeatures;
+use crate::features::bearing::BandReading;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::features::reach;
+use crate::units::Hz;
+
+/// The searches of `search`'s channel that the line found at `frequency` may belong to; one if it can
+/// be decided.
+///
+/// A geometry known well goes before one that leaves more open than slip. Then the side bands
+/// decide if those of one kind alone stand: at FTF for rolling elements, at 1× for races. Their
+/// absence proves nothing.
+pub(super) fn owners<'a>(
+    features: &'a WindowFeatures,
+    search: &'a LineSearch,
+    frequency: Hz,
+) -> Vec<&'a LineSearch> {
+    let is_cage = |s: &LineSearch| s.line == DefectLine::Ftf;
+    let mut possible: Vec<&LineSearch> = features
+        .bearing_lines
+        .iter()
+        .filter(|s| s.channel == search.channel && is_cage(s) == is_cage(search))
+        .filter(|s| std::ptr::eq(*s, search) || may_stand_at(s, frequency))
+        .collect();
+    if possible.iter().any(|s| !reach::is_wide(s.band)) {
+        possible.retain(|s| !reach::is_wide(s.band));
+    }
+    let is_element = |s: &LineSearch| s.line == DefectLine::TwoBsf;
+    let stands = |element: bool| {
+        let mut of_kind = possible.iter().filter(|s| is_element(s) == element);
+        of_kind.any(|s| has_side_bands(s, frequency))
+    };
+    match (stands(true), stands(false)) {
+        (true, false) => possible.retain(|s| is_element(s)),
+        (false, true) => possible.retain(|s| !is_element(s)),
+        (true, true) | (false, false) => {}
+    }
+    possible
+}
+
+/// Whether `frequency` lies in the searched range.
+fn may_stand_at(search: &LineSearch, frequency: Hz) -> bool {
+    let (low, high) = reach::searched_range(search.line, search.expected, search.band);
+    let margin = search.resolution.0;
+    (low.0 - margin..=high.0 + margin).contains(&frequency.0)
+}
+
+/// Whether side bands at the spacing of `search` stand beside its line found at `frequency` in most
+/// of the bands where it was found there.
+fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
+    let readings = search.outcome.as_deref().unwrap_or(&[]);
+    let here: Vec<&BandReading> = readings
+        .iter()
+        .filter(|r| (r.frequency.0 - frequency.0).abs() <= search.resolution.0)
+        .filter(|r| confidence::band_probability(r) <= confidence::FALSE_ALARM_PROBABILITY)
+        .collect();
+    let stands = |r: &&&BandReading| {
+        r.side_band.is_some_and(|side| {
+            confidence::harmonic_tail(&side) <= confidence::FALSE_ALARM_PROBABILITY
+        })
+    };
+    2 * here.iter().filter(stands).count() > here.len()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,164 @@
+//! One found rate, several lines: the same answer in every order, and no cause that is a guess.
+
+use super::*;
+use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::bearing::judge;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::bands::Band;
+use crate::features::bearing::Harmonic;
+use crate::features::speed::Speed;
+use crate::machine::BearingIndex;
+use crate::machine::file;
+use crate::machine::uncertainty::RelativeBand;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::units::Unit;
+
+const NARROW: RelativeBand = RelativeBand { low: -0.003, high: 0.003 };
+const WIDE: RelativeBand = RelativeBand { low: -0.1, high: 0.1 };
+
+/// A bearing's line, the order expected, its band, and whether its side bands stand.
+type Line = (&'static str, DefectLine, f64, RelativeBand, bool);
+
+fn harmonic(power_ratio: f64) -> Harmonic {
+    Harmonic { power_ratio, depth: 0.6, floor_dof: 100.0, n_cells: 40.0 }
+}
+
+/// A search that found the line of order 5 by a shaft of 30 Hz in four bands, if it is near.
+fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
+    let reading = |i: u32| BandReading {
+        band: Band {
+            low: Hz(f64::from(i) * 1e3),
+            high: Hz(f64::from(i + 1) * 1e3),
+            whitened: false,
+        },
+        frequency: Hz(150.0),
+        harmonics: [Some(harmonic(900.0)), Some(harmonic(400.0)), None, None],
+        side_band: Some(harmonic(if side { 100.0 } else { 1.0 })),
+        mean_square: 1.0,
+    };
+    LineSearch {
+        bearing: BearingIndex(place),
+        channel: ChannelIndex(0),
+        line,
+        expected: Hz(30.0 * order),
+        band,
+        shaft_speed: Hz(30.0),
+        side_band_spacing: Hz(if line == DefectLine::TwoBsf { 12.0 } else { 30.0 }),
+        resolution: Hz(0.2),
+        sample_range: (0, 1),
+        outcome: Ok((0..if (order - 5.0).abs() < 0.5 { 4 } else { 0 }).map(reading).collect()),
+    }
+}
+
+/// Verdicts by bearing id where the bearings stand in the order of `ids` in the machine file.
+fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
+    let bearings: String = ids
+        .iter()
+        .map(|id| {
+            format!(
+                "[[bearing]]\nid='{id}'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\n\
+                 pitch_diameter_mm=39.04\n"
+            )
+        })
+        .collect();
+    let text = format!(
+        "[machine]\nid='m'\n[[shaft]]\nid='s'\n{bearings}[[sensor]]\nchannel='a'\n\
+         kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n"
+    );
+    let machine = file::parse(&text, "m.toml").unwrap();
+    let place = |line: &Line| ids.iter().position(|id| *id == line.0).unwrap();
+    let mut searches: Vec<LineSearch> = lines.iter().map(|l| search(place(l), *l)).collect();
+    searches.sort_by_key(|s| s.bearing.0);
+    // Races that show nothing, so that every bearing could be looked at.
+    for (i, line) in (0..ids.len()).flat_map(|i| [(i, DefectLine::Bpfi), (i, DefectLine::Bpfo)]) {
+        if !searches.iter().any(|s| (s.bearing.0, s.line) == (i, line)) {
+            let silent = ("", line, 9.0, RelativeBand::default(), false);
+            searches.push(LineSearch { outcome: Ok(Vec::new()), ..search(i, silent) });
+        }
+    }
+    let speed = Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() };
+    let features = WindowFeatures {
+        time_s: (0.0, 10.0),
+        speed,
+        sensors: Vec::new(),
+        channels: Vec::new(),
+        shaft_lines: Vec::new(),
+        bearing_lines: searches,
+        absolute_lines: Vec::new(),
+        gears: Vec::new(),
+    };
+    let channels = [ChannelInfo {
+        name: "a".into(),
+        sample_rate: Hz(1e4),
+        unit: Unit::MetrePerSecondSquared,
+        full_scale: None,
+        offset: 0.0,
+        unit_conflict: None,
+    }];
+    let baseline = Baseline { records: Vec::new(), provisional: false };
+    let context = Context {
+        machine: &machine,
+        channels: &channels,
+        channel_of_sensor: &[Some(ChannelIndex(0))],
+        baseline: &baseline,
+        offered_baselines: 0,
+    };
+    judge(&features, &context)
+}
+
+fn of<'a>(verdicts: &'a [ComponentDiagnosis], id: &str) -> &'a ComponentDiagnosis {
+    verdicts.iter().find(|c| c.id == id).unwrap()
+}
+
+#[test]
+fn the_bearing_known_well_goes_before_the_wide_one_in_either_order() {
+    let lines =
+        [("a", DefectLine::Bpfo, 5.3, WIDE, false), ("b", DefectLine::Bpfi, 5.02, NARROW, true)];
+    for ids in [["a", "b"], ["b", "a"]] {
+        let verdicts = judged(&ids, &lines);
+        assert_eq!(of(&verdicts, "b").fault, Some(FaultMode::InnerRace), "{ids:?}");
+        assert!(!of(&verdicts, "a").state.is_accusation(), "{ids:?}: {}", of(&verdicts, "a").why);
+    }
+}
+
+#[test]
+fn equal_bearings_on_one_sensor_share_the_warning_in_either_order() {
+    let lines = ["a", "b"].map(|id| (id, DefectLine::Bpfo, 5.02, NARROW, false));
+    for ids in [["a", "b"], ["b", "a"]] {
+        let verdicts = judged(&ids, &lines);
+        for (id, other) in [("a", "BPFO of b"), ("b", "BPFO of a")] {
+            let verdict = of(&verdicts, id);
+            assert_eq!((verdict.state, verdict.fault), (State::Warning, None), "{}", verdict.why);
+            assert!(verdict.why.contains(other), "{}", verdict.why);
+        }
+    }
+}
+
+#[test]
+fn side_bands_tell_elements_that_coincide_apart() {
+    let verdict = |race: bool, element: bool| {
+        let lines = [
+            ("a", DefectLine::Bpfi, 5.02, NARROW, race),
+            ("a", DefectLine::TwoBsf, 4.98, NARROW, element),
+        ];
+        let verdicts = judged(&["a"], &lines);
+        (verdicts[0].state.is_accusation(), verdicts[0].fault)
+    };
+    assert_eq!(verdict(true, false), (true, Some(FaultMode::InnerRace)));
+    assert_eq!(verdict(false, true), (true, Some(FaultMode::RollingElement)));
+    assert_eq!(verdict(true, true), (true, None));
+    assert_eq!(verdict(false, false), (true, None));
+}
+
+#[test]
+fn a_line_out_of_reach_of_all_others_is_accused_as_ever() {
+    let lines = [
+        ("a", DefectLine::Bpfo, 5.02, NARROW, false),
+        ("a", DefectLine::TwoBsf, 6.0, NARROW, false),
+    ];
+    assert_eq!(judged(&["a"], &lines)[0].fault, Some(FaultMode::OuterRace));
+}
