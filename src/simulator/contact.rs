@@ -2,7 +2,7 @@
 //! (equations R10–R13).
 //!
 //! The outer ring stands, the inner turns with the shaft. All angles follow from the shaft angle
-//! alone, so the edges of defects are known beforehand: [`BallBearing::edges`]. Must not know shafts
+//! alone, so the edges of defects are known beforehand: [`Contacts::edges`]. Must not know shafts
 //! or time.
 
 use std::f64::consts::{PI, TAU};

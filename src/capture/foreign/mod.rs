@@ -1,6 +1,6 @@
 //! HDF5 files of another layout: read by a map, or listed with the map that would read them.
 //!
-//! [`mapped`] turns the entries of a map into tables of samples; [`inventory`] tells what a file
+//! `mapped` turns the entries of a map into tables of samples; [`inventory`] tells what a file
 //! holds and suggests the map. Must not know our own layout.
 
 pub mod inventory;
