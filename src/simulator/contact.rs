@@ -201,6 +201,50 @@ impl Contacts {
         self.active.extend((0..self.passages.len()).filter(|i| inside(&self.passages[*i])));
     }
 
+    /// cos and sin of every ball's angle in the cage.
+    pub(super) fn seats(&self) -> &[(f64, f64)] {
+        &self.seats
+    }
+
+    /// Whether the inner race has waves.
+    pub(super) fn has_waves(&self) -> bool {
+        !self.bearing.waves.is_empty()
+    }
+
+    /// Whether a ball is over a defect in the present step.
+    pub(super) fn is_over_defect(&self) -> bool {
+        !self.active.is_empty()
+    }
+
+    /// Whether a ball is over a defect whose depth changes on the way, in the present step.
+    pub(super) fn is_over_slope(&self) -> bool {
+        let is_slope = |i: &usize| !matches!(self.passages[*i].profile, Profile::Step { .. });
+        self.active.iter().any(is_slope)
+    }
+
+    /// Displacement along every ball's direction from which it carries load, m: clearance, what it
+    /// drops into defects, less the waves under it. Entries beyond the balls stay.
+    pub(super) fn gaps_m(&self, shaft_rad: f64, out: &mut [f64]) {
+        let n = self.seats.len().min(out.len());
+        out[..n].fill(self.bearing.clearance_m);
+        for &index in &self.active {
+            let passage = &self.passages[index];
+            let drop = passage.profile.drop_m(passage.place(shaft_rad), passage.half_width_rad);
+            out[passage.ball] += drop;
+        }
+        if self.bearing.waves.is_empty() {
+            return;
+        }
+        let turned = (self.bearing.cage_ratio - 1.0) * shaft_rad;
+        for ((seat_cos, seat_sin), gap) in self.seats.iter().zip(out) {
+            let from_mark = seat_sin.atan2(*seat_cos) + turned;
+            for wave in &self.bearing.waves {
+                let angle = f64::from(wave.order) * from_mark + wave.phase_rad;
+                *gap -= wave.amplitude_m * angle.cos();
+            }
+        }
+    }
+
     /// Force on the shaft, N, for its displacement and velocity at the bearing (R10, R11).
     pub fn force(&mut self, shaft_rad: f64, [x, y]: [f64; 2], [vx, vy]: [f64; 2]) -> [f64; 2] {
         let bearing = &self.bearing;

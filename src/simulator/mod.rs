@@ -20,6 +20,7 @@ pub mod model;
 pub mod run;
 pub mod sensor;
 pub mod linear;
+pub mod ports;
 pub mod scene;
 pub mod build;
 pub mod simulation;

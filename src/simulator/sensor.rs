@@ -3,6 +3,7 @@
 //! A chain takes values at the inner rate and gives samples at its own. Must not know rotors.
 
 use rand::{RngExt, SeedableRng};
+use rand_distr::StandardNormal;
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{PI, TAU};
 
@@ -62,7 +63,6 @@ pub struct Chain {
     model: SensorModel,
     filter: Vec<Biquad>,
     random: Pcg64Mcg,
-    spare: Option<f64>,
     n_in: u64,
     n_out: u64,
 }
@@ -125,7 +125,7 @@ impl Chain {
         for _ in 0..16 {
             let _: u64 = random.random();
         }
-        Self { filter: filter.unwrap_or_default(), model, random, spare: None, n_in: 0, n_out: 0 }
+        Self { filter: filter.unwrap_or_default(), model, random, n_in: 0, n_out: 0 }
     }
 
     /// Takes a value of the inner rate; every `oversampling`-th, the first included, gives a sample.
@@ -145,7 +145,9 @@ impl Chain {
         self.n_out += 1;
         let noise = if self.model.noise_density > 0.0 {
             // A one-sided density over the band up to rate/2.
-            self.model.noise_density * (0.5 * self.model.rate_hz).sqrt() * self.normal()
+            self.model.noise_density
+                * (0.5 * self.model.rate_hz).sqrt()
+                * self.random.sample::<f64, _>(StandardNormal)
         } else {
             0.0
         };
@@ -153,18 +155,6 @@ impl Chain {
             return 0.0;
         }
         self.model.rest + value + self.model.drift_per_s * time_s + noise
-    }
-
-    /// A normal deviate (Box & Muller 1958).
-    fn normal(&mut self) -> f64 {
-        if let Some(spare) = self.spare.take() {
-            return spare;
-        }
-        let u: f64 = 1.0 - self.random.random::<f64>(); // in (0, 1]
-        let turn = TAU * self.random.random::<f64>();
-        let radius = (-2.0 * u.ln()).sqrt();
-        self.spare = Some(radius * turn.sin());
-        radius * turn.cos()
     }
 }
 

@@ -83,6 +83,15 @@ impl SpeedProfile {
         Some(high)
     }
 
+    /// The speed, rad/s, if it never changes.
+    #[must_use]
+    pub fn constant_rad_per_s(&self) -> Option<f64> {
+        match self {
+            Self::Constant(speed_hz) => Some(TAU * speed_hz),
+            Self::Table(_) => None,
+        }
+    }
+
     /// Fastest speed, rad/s, without sign.
     #[must_use]
     pub fn fastest_rad_per_s(&self) -> f64 {

@@ -104,51 +104,80 @@ impl LinearSystem {
         (&self.matrix * step_s).exp()
     }
 
+    /// A, in rad/s.
+    pub(super) fn matrix(&self) -> &DMatrix<f64> {
+        &self.matrix
+    }
+
+    /// What a unit force along a row over all coordinates does to ẏ.
+    pub(super) fn input(&self, row: &[f64]) -> DVector<f64> {
+        let size = self.omega.len();
+        DVector::from_fn(2 * size, |i, _| if i < size { 0.0 } else { row[i - size] })
+    }
+
+    /// The displacement along a row over all coordinates, as a row over y.
+    pub(super) fn displacement(&self, row: &[f64]) -> DVector<f64> {
+        let size = self.omega.len();
+        DVector::from_fn(2 * size, |i, _| if i < size { row[i] / self.omega[i] } else { 0.0 })
+    }
+
+    /// What a unit force along a row over all coordinates shows at once to a watch.
+    pub(super) fn direct(&self, watch: &Watch, row: &[f64]) -> f64 {
+        match watch.quantity {
+            Quantity::Displacement => 0.0,
+            Quantity::Acceleration => {
+                let weights = self.weights(watch);
+                weights.zip(row).map(|(weight, row)| weight * row).sum()
+            }
+        }
+    }
+
+    /// A watch's weights of all coordinates.
+    fn weights(&self, watch: &Watch) -> impl Iterator<Item = f64> {
+        let (size, n) = (self.omega.len(), self.omega.len() / 2);
+        let (sin, cos) = watch.axis_rad.sin_cos();
+        (0..size).map(move |i| watch.row[i % n] * if i < n { cos } else { sin })
+    }
+
     /// Displacements and velocities of a state.
-    fn coordinates(&self, state: &DVector<f64>) -> (Vec<f64>, Vec<f64>) {
+    pub(super) fn coordinates(&self, state: &DVector<f64>) -> (Vec<f64>, Vec<f64>) {
         let size = self.omega.len();
         let q = (0..size).map(|i| state[i] / self.omega[i]).collect();
         (q, state.rows(size, size).iter().copied().collect())
     }
 
     /// The state of displacements and velocities.
-    fn state(&self, q: &[f64], v: &[f64]) -> DVector<f64> {
+    pub(super) fn state(&self, q: &[f64], v: &[f64]) -> DVector<f64> {
         let size = self.omega.len();
         DVector::from_fn(2 * size, |i, _| if i < size { q[i] * self.omega[i] } else { v[i - size] })
     }
 
     /// What a watch makes of a free state: one row.
     fn row(&self, watch: &Watch) -> DVector<f64> {
-        let size = self.omega.len();
-        let n = size / 2;
-        let (sin, cos) = watch.axis_rad.sin_cos();
-        let weight = |i: usize| watch.row[i % n] * if i < n { cos } else { sin };
+        let weights: Vec<f64> = self.weights(watch).collect();
         match watch.quantity {
-            Quantity::Displacement => {
-                DVector::from_fn(
-                    2 * size,
-                    |i, _| {
-                        if i < size { weight(i) / self.omega[i] } else { 0.0 }
-                    },
-                )
-            }
+            Quantity::Displacement => self.displacement(&weights),
             Quantity::Acceleration => {
-                let lower = self.matrix.rows(size, size);
-                let weights = DVector::from_fn(size, |i, _| weight(i));
-                lower.transpose() * weights
+                let size = self.omega.len();
+                self.matrix.rows(size, size).transpose() * DVector::from_vec(weights)
             }
         }
     }
 }
 
 impl Steady {
+    /// Constant, cos and sin part of what a row over the state sees.
+    pub(super) fn seen_by(&self, row: &DVector<f64>) -> [f64; 3] {
+        [row.dot(&self.constant), row.dot(&self.re), -row.dot(&self.im)]
+    }
+
     /// Displacements and velocities at shaft angle φ.
     #[must_use]
     pub fn at(&self, system: &LinearSystem, angle_rad: f64) -> (Vec<f64>, Vec<f64>) {
         system.coordinates(&self.state(angle_rad))
     }
 
-    fn state(&self, angle_rad: f64) -> DVector<f64> {
+    pub(super) fn state(&self, angle_rad: f64) -> DVector<f64> {
         let (sin, cos) = angle_rad.sin_cos();
         &self.constant + &self.re * cos - &self.im * sin
     }
@@ -156,10 +185,10 @@ impl Steady {
 
 /// What is seen of a linear motion by one watch.
 #[derive(Debug, Clone)]
-struct Seen {
-    row: DVector<f64>,
-    constant: f64,
-    phasor: (f64, f64),
+pub(super) struct Seen {
+    pub(super) row: DVector<f64>,
+    pub(super) constant: f64,
+    pub(super) phasor: (f64, f64),
 }
 
 /// A model without contacts in motion at constant speed, sampled at a fixed rate.
@@ -193,7 +222,7 @@ impl LinearRun {
         let system = LinearSystem::new(model, TAU * speed_hz);
         let steady = system.steady(model)?;
         let mut run = Self {
-            seen: watches.iter().map(|watch| seen(&system, &steady, watch)).collect(),
+            seen: watches.iter().map(|watch| Seen::by(&system, &steady, watch)).collect(),
             system,
             steady,
             free: None,
@@ -231,7 +260,7 @@ impl LinearRun {
     pub fn set_loads(&mut self, model: &Model, watches: &[Watch]) -> bool {
         let Some(steady) = self.system.steady(model) else { return false };
         let (q, v) = self.state();
-        self.seen = watches.iter().map(|watch| seen(&self.system, &steady, watch)).collect();
+        self.seen = watches.iter().map(|watch| Seen::by(&self.system, &steady, watch)).collect();
         self.steady = steady;
         self.begin_at(&q, &v);
         true
@@ -282,21 +311,24 @@ impl LinearRun {
     }
 }
 
-fn seen(system: &LinearSystem, steady: &Steady, watch: &Watch) -> Seen {
-    let row = system.row(watch);
-    let (constant, phasor) = match watch.quantity {
-        Quantity::Displacement => {
-            (row.dot(&steady.constant), (row.dot(&steady.re), row.dot(&steady.im)))
-        }
-        Quantity::Acceleration => {
-            // −Ω² times the displacement: the loads of the steady motion are not in the row.
-            let still = Watch { quantity: Quantity::Displacement, ..watch.clone() };
-            let row = system.row(&still);
-            let square = -system.speed_rad_per_s * system.speed_rad_per_s;
-            (0.0, (square * row.dot(&steady.re), square * row.dot(&steady.im)))
-        }
-    };
-    Seen { row, constant, phasor }
+impl Seen {
+    /// What `watch` sees.
+    pub(super) fn by(system: &LinearSystem, steady: &Steady, watch: &Watch) -> Self {
+        let row = system.row(watch);
+        let (constant, phasor) = match watch.quantity {
+            Quantity::Displacement => {
+                (row.dot(&steady.constant), (row.dot(&steady.re), row.dot(&steady.im)))
+            }
+            Quantity::Acceleration => {
+                // −Ω² times the displacement: the loads of the steady motion are not in the row.
+                let still = Watch { quantity: Quantity::Displacement, ..watch.clone() };
+                let row = system.row(&still);
+                let square = -system.speed_rad_per_s * system.speed_rad_per_s;
+                (0.0, (square * row.dot(&steady.re), square * row.dot(&steady.im)))
+            }
+        };
+        Self { row, constant, phasor }
+    }
 }
 
 #[cfg(test)]

@@ -1,22 +1,18 @@
 //! A scene in motion: blocks of samples of every channel, without end, in constant memory.
 
+mod engine;
+
 use super::build::{self, Built, Plan};
-use super::linear::{LinearRun, LinearSystem};
 use super::model::Model;
 use super::rotor::Plane;
-use super::run::{Quantity, Run, Watch};
-use super::scene::{Faults, NumberKind, Scene, SceneErrors, SceneSensor, SensorKind, Start};
+use super::run::{Quantity, Watch};
+use super::scene::{Faults, NumberKind, Scene, SceneErrors, SceneSensor, SensorKind};
 use super::sensor::{Chain, Converter, SensorModel, tacho_mark};
+use engine::Engine;
 use std::f64::consts::TAU;
 
 /// Most samples of the fastest channel that are computed at a time.
 const BLOCK: usize = 1000;
-
-/// Run-in of a scene with contacts that begins rotating: with raised damping, then with its own, s.
-const RUN_IN_S: (f64, f64) = (0.4, 0.2);
-
-/// Damping ratio of the first part of the run-in.
-const RUN_IN_DAMPING: f64 = 0.1;
 
 /// Voltage of the tacho's mark, and the part of a turn it lasts.
 const MARK_V: f64 = 5.0;
@@ -82,14 +78,8 @@ pub struct Simulation {
     engine: Engine,
     channels: Vec<Channel>,
     n_samples: u64,
-    /// Values of every watch in the present block, linear scenes only.
+    /// Values of every watch in the present block: one a sample in linear scenes, else one a step.
     motion: Vec<Vec<f64>>,
-}
-
-#[derive(Debug)]
-enum Engine {
-    Linear(Box<LinearRun>),
-    Stepped(Box<Run>),
 }
 
 /// A sensor at work.
@@ -133,7 +123,7 @@ impl Simulation {
                 },
             })
             .collect();
-        let engine = engine(scene, &model, &plan, &watches)?;
+        let engine = Engine::new(scene, &model, &plan, &watches).ok_or_else(|| no_steady(scene))?;
         let mut next = 0;
         let channels = scene.sensors.iter().enumerate().map(|(i, sensor)| {
             let watch = (sensor.kind != SensorKind::Tacho).then_some(next);
@@ -191,11 +181,7 @@ impl Simulation {
                 }
                 channel.clear();
             }
-            let finite = match &self.engine {
-                Engine::Linear(_) => true,
-                Engine::Stepped(run) => run.state().0.iter().all(|q| q.is_finite()),
-            };
-            if !finite {
+            if !self.engine.is_finite() {
                 let time_s = self.n_samples as f64 / self.plan.rate_hz;
                 return Err(AdvanceError::Diverged { time_s });
             }
@@ -214,18 +200,8 @@ impl Simulation {
     pub fn set_faults(&mut self, faults: &Faults) -> Result<(), SceneErrors> {
         let mut model = self.model.clone();
         build::set_faults(&self.scene, &self.plane, &mut model, faults)?;
-        match &mut self.engine {
-            Engine::Linear(run) => {
-                if !run.set_loads(&model, &self.watches) {
-                    return Err(no_steady(&self.scene));
-                }
-            }
-            Engine::Stepped(run) => run.change(|running| {
-                running.bow = model.bow.clone();
-                for (seat, new) in running.seats.iter_mut().zip(&model.seats) {
-                    seat.contacts = new.contacts.clone();
-                }
-            }),
+        if !self.engine.change(&model, &self.watches) {
+            return Err(no_steady(&self.scene));
         }
         self.model = model;
         Ok(())
@@ -236,16 +212,12 @@ impl Simulation {
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        if let Engine::Stepped(run) = &self.engine {
-            let loads = self.scene.ball_bearings().zip(&run.model().seats);
-            for ((id, ball), seat) in loads {
-                let load_n = seat.contacts.peak_force_n();
-                if let Some(limit) = ball.yield_load_n.filter(|limit| load_n > *limit) {
-                    warnings.push(format!(
-                        "bearing {id}: a ball carried {load_n:.0} N, beyond the {limit:.0} N at which its contact \
-                         reaches 4200 MPa and yields; the model stays elastic"
-                    ));
-                }
+        for ((id, ball), load_n) in self.scene.ball_bearings().zip(self.engine.peak_loads_n()) {
+            if let Some(limit) = ball.yield_load_n.filter(|limit| load_n > *limit) {
+                warnings.push(format!(
+                    "bearing {id}: a ball carried {load_n:.0} N, beyond the {limit:.0} N at which its contact \
+                     reaches 4200 MPa and yields; the model stays elastic"
+                ));
             }
         }
         for channel in &self.channels {
@@ -268,38 +240,12 @@ impl Simulation {
     fn block(&mut self, n: usize) {
         let start = self.n_samples;
         let rate_hz = self.plan.rate_hz;
-        match &mut self.engine {
-            Engine::Linear(run) => {
-                run.fill(n, &mut self.motion);
-                for channel in &mut self.channels {
-                    let values = channel.watch.map(|watch| &self.motion[watch][..]);
-                    for i in 0..n as u64 {
-                        if !(start + i).is_multiple_of(channel.every) {
-                            continue;
-                        }
-                        #[expect(clippy::cast_possible_truncation, reason = "below a block")]
-                        let value = values.map(|values| values[i as usize]);
-                        let time_s = (start + i) as f64 / rate_hz;
-                        channel.sample(value, time_s, &self.scene);
-                    }
-                }
-            }
-            Engine::Stepped(run) => {
-                for i in 0..n as u64 {
-                    for step in 0..self.plan.steps_per_sample {
-                        run.step();
-                        for channel in &mut self.channels {
-                            match channel.watch {
-                                Some(watch) => channel.push(run.observe(&self.watches[watch])),
-                                None if step == 0 && (start + i).is_multiple_of(channel.every) => {
-                                    let time_s = (start + i) as f64 / rate_hz;
-                                    channel.sample(None, time_s, &self.scene);
-                                }
-                                None => {}
-                            }
-                        }
-                    }
-                }
+        self.engine.fill(n * self.plan.steps_per_sample as usize, &mut self.motion);
+        for channel in &mut self.channels {
+            match channel.watch {
+                Some(watch) if self.plan.is_linear => channel.pick(&self.motion[watch], start),
+                Some(watch) => channel.filter(&self.motion[watch]),
+                None => channel.mark((start, n as u64), rate_hz, &self.scene),
             }
         }
         self.n_samples += n as u64;
@@ -309,48 +255,6 @@ impl Simulation {
 fn no_steady(scene: &Scene) -> SceneErrors {
     let allowed = "loads with a finite steady motion: damping above 0, or another speed";
     scene.mistake("speed", "a speed exactly at an undamped resonance", allowed)
-}
-
-/// The engine at time 0.
-fn engine(
-    scene: &Scene,
-    model: &Model,
-    plan: &Plan,
-    watches: &[Watch],
-) -> Result<Engine, SceneErrors> {
-    let at_start = scene.speed.at(0.0);
-    let speed_hz = at_start.speed_rad_per_s / TAU;
-    let zero = vec![0.0; 2 * model.basis.len()];
-    if plan.is_linear {
-        let rest = (scene.start == Start::Rest).then_some((&zero[..], &zero[..]));
-        let run = LinearRun::new(model, speed_hz, watches, plan.rate_hz, rest);
-        return run.map(|run| Engine::Linear(Box::new(run))).ok_or_else(|| no_steady(scene));
-    }
-    let step_s = 1.0 / (plan.rate_hz * f64::from(plan.steps_per_sample));
-    if scene.start == Start::Rest {
-        return Ok(Engine::Stepped(Box::new(Run::new(model.clone(), step_s, None))));
-    }
-    let system = LinearSystem::new(model, at_start.speed_rad_per_s);
-    let steady = system.steady(model).ok_or_else(|| no_steady(scene))?;
-    if model.seats.is_empty() {
-        let state = Some(steady.at(&system, at_start.angle_rad));
-        return Ok(Engine::Stepped(Box::new(Run::new(model.clone(), step_s, state))));
-    }
-    #[expect(clippy::cast_possible_truncation, reason = "some ten thousand")]
-    let before = |seconds: f64| -(seconds / step_s).round() as i64;
-    let mut relaxed = model.clone();
-    for damping in &mut relaxed.damping {
-        *damping = damping.max(RUN_IN_DAMPING);
-    }
-    let (first, second) = (before(RUN_IN_S.0 + RUN_IN_S.1), before(RUN_IN_S.1));
-    let from = scene.speed.at(first as f64 * step_s);
-    let state = Some(steady.at(&system, from.angle_rad));
-    let mut run = Run::new(relaxed, step_s, state).beginning_at(first);
-    (first..second).for_each(|_| run.step());
-    let state = (run.state().0.to_vec(), run.state().1.to_vec());
-    let mut run = Run::new(model.clone(), step_s, Some(state)).beginning_at(second);
-    (second..0).for_each(|_| run.step());
-    Ok(Engine::Stepped(Box::new(run)))
 }
 
 impl Channel {
@@ -403,26 +307,39 @@ impl Channel {
         }
     }
 
-    /// Takes a value of the inner rate, SI.
-    fn push(&mut self, value: f64) {
-        let value = value * self.sensor.per_si;
-        self.furthest = self.furthest.max(value.abs());
-        if let Some(sample) = self.chain.push(value) {
-            self.keep(sample);
+    /// Takes values of the inner rate, SI.
+    fn filter(&mut self, values: &[f64]) {
+        for value in values {
+            let value = value * self.sensor.per_si;
+            self.furthest = self.furthest.max(value.abs());
+            if let Some(sample) = self.chain.push(value) {
+                self.keep(sample);
+            }
         }
     }
 
-    /// Takes a value that needs no filter, SI; `None`: the tacho makes its own.
-    fn sample(&mut self, value: Option<f64>, time_s: f64, scene: &Scene) {
-        let value = match value {
-            Some(value) => value * self.sensor.per_si,
-            None => {
-                let turning = scene.speed.at(time_s);
-                let a_sample = turning.speed_rad_per_s.abs() / self.sensor.rate_hz;
-                let rise = (MARK_RISE.0 * TAU).max(MARK_RISE.1 * a_sample);
-                MARK_V * tacho_mark(turning.angle_rad, MARK_DUTY, rise)
+    /// Takes values of the fastest channel from sample `start` on that need no filter, SI.
+    fn pick(&mut self, values: &[f64], start: u64) {
+        for (i, value) in (start..).zip(values) {
+            if i.is_multiple_of(self.every) {
+                self.sample(value * self.sensor.per_si);
             }
-        };
+        }
+    }
+
+    /// The tacho's samples of `n` of the fastest channel from number `start` on.
+    fn mark(&mut self, (start, n): (u64, u64), rate_hz: f64, scene: &Scene) {
+        let every = self.every;
+        for i in (start..start + n).filter(|i| i.is_multiple_of(every)) {
+            let turning = scene.speed.at(i as f64 / rate_hz);
+            let a_sample = turning.speed_rad_per_s.abs() / self.sensor.rate_hz;
+            let rise = (MARK_RISE.0 * TAU).max(MARK_RISE.1 * a_sample);
+            self.sample(MARK_V * tacho_mark(turning.angle_rad, MARK_DUTY, rise));
+        }
+    }
+
+    /// Takes a value that needs no filter, in the sensor's unit.
+    fn sample(&mut self, value: f64) {
         self.furthest = self.furthest.max(value.abs());
         let sample = self.chain.sample(value);
         self.keep(sample);

@@ -1,0 +1,230 @@
+//! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
+
+use super::lanes;
+use super::{Moment, PortRun, SAME_TIME, Seat, SetStep, Work};
+use pulp::{Simd, WithSimd};
+
+/// Which maps a step takes.
+#[derive(Clone, Copy)]
+enum Length {
+    /// Those of the grid.
+    Grid,
+    /// Those of this length, s.
+    Odd(f64),
+}
+
+impl PortRun {
+    /// `n_steps` steps of the grid; what is watched at the beginning of each goes to `out`.
+    #[inline(always)]
+    pub(super) fn stride<S: Simd>(&mut self, simd: S, n_steps: usize, out: &mut [Vec<f64>]) {
+        let from_s = self.time_s();
+        self.find_edges(from_s, (self.n_steps + n_steps as i64) as f64 * self.step_s);
+        let mut now = Moment::at(self.shaft_rad(from_s), &self.seats);
+        let turn = Moment::at(0.5 * self.speed_rad_per_s * self.step_s, &self.seats);
+        self.ported.displacements(simd, &self.list, &mut self.work.free);
+        let free = self.work.free.as_flattened();
+        for ((now_m, free), still) in self.work.now_m.iter_mut().zip(free).zip(&self.port_steady) {
+            *now_m = free + now.of(still);
+        }
+        let (mut next_edge, mut is_stale) = (0, true);
+        for _ in 0..n_steps {
+            let begin_s = self.time_s();
+            self.n_steps += 1;
+            let end_s = self.time_s();
+            let mut at_s = begin_s;
+            while at_s < end_s {
+                let edge_s = self.next_edge(&mut next_edge, at_s, end_s);
+                let is_whole = edge_s.is_none() && at_s <= begin_s;
+                let length_s = edge_s.unwrap_or(end_s) - at_s;
+                let length = if is_whole { Length::Grid } else { Length::Odd(length_s) };
+                if is_stale {
+                    let middle_rad = now.shaft_rad + 0.5 * self.speed_rad_per_s * length_s;
+                    self.seats.iter_mut().for_each(|seat| seat.balls.set_side(middle_rad));
+                }
+                forces(simd, &mut self.seats, &now, &self.work.now_m, &mut self.work.forces[0]);
+                if at_s <= begin_s {
+                    self.observe(simd, &now, out);
+                }
+                self.step(simd, length, &mut now, &turn);
+                is_stale = edge_s.is_some();
+                at_s = edge_s.unwrap_or(end_s);
+            }
+            // An edge that lies on the grid changes the side of what follows.
+            is_stale |= self.passes_edges_at(&mut next_edge, end_s);
+        }
+    }
+
+    /// Times of the edges in an interval, in order.
+    fn find_edges(&mut self, from_s: f64, to_s: f64) {
+        let work = &mut self.work;
+        work.edges_s.clear();
+        work.angles.clear();
+        let speed = self.speed_rad_per_s;
+        if speed.abs() <= 0.0 {
+            return;
+        }
+        // A little beyond, for edges that rounding puts on the other side of the last grid point.
+        let margin_s = SAME_TIME * self.step_s;
+        for seat in &self.seats {
+            let contacts = seat.balls.contacts();
+            contacts.edges(speed * from_s, speed * (to_s + margin_s), &mut work.angles);
+        }
+        work.edges_s.extend(work.angles.iter().map(|angle| angle / speed));
+        work.edges_s.sort_by(f64::total_cmp);
+    }
+
+    /// The next edge inside (`at_s`, `end_s`), none of those that are at one of the two.
+    fn next_edge(&self, next: &mut usize, at_s: f64, end_s: f64) -> Option<f64> {
+        let margin_s = SAME_TIME * self.step_s;
+        while let Some(&edge_s) = self.work.edges_s.get(*next) {
+            if edge_s >= end_s - margin_s {
+                return None;
+            }
+            *next += 1;
+            if edge_s > at_s + margin_s {
+                return Some(edge_s);
+            }
+        }
+        None
+    }
+
+    /// Goes past the edges at `end_s`; whether there were any.
+    fn passes_edges_at(&self, next: &mut usize, end_s: f64) -> bool {
+        let before = *next;
+        while self.work.edges_s.get(*next).is_some_and(|e| *e <= end_s + SAME_TIME * self.step_s) {
+            *next += 1;
+        }
+        *next > before
+    }
+
+    /// What is watched now, with the forces now in `work.forces[0]`.
+    #[inline(always)]
+    fn observe<S: Simd>(&mut self, simd: S, now: &Moment, out: &mut [Vec<f64>]) {
+        self.watched.rows.times(simd, &self.list, &mut self.work.seen);
+        let seen = self.work.seen.as_flattened();
+        let force = &self.work.forces[0];
+        let n = force.len().max(1);
+        for (i, (list, still)) in out.iter_mut().zip(&self.watched.steady).enumerate() {
+            let direct = self.watched.direct.get(i * n..(i + 1) * n).unwrap_or_default();
+            let pushed: f64 = direct.iter().zip(force).map(|(a, f)| a * f).sum();
+            list.push(seen[i] + now.of(still) + pushed);
+        }
+    }
+
+    /// One step from `now` on, with the forces now in `work.forces[0]`; leaves the displacements of
+    /// the ports at its end.
+    #[inline(always)]
+    fn step<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        let odd_turn;
+        let (map, turn) = match length {
+            Length::Grid => (&self.grid, turn),
+            Length::Odd(step_s) => {
+                let set = SetStep { map: &mut self.odd, ported: &self.ported, step_s };
+                set.with_simd(simd);
+                odd_turn = Moment::at(0.5 * self.speed_rad_per_s * step_s, &self.seats);
+                (&self.odd, &odd_turn)
+            }
+        };
+        let Work { free, stage_m, forces: [start, first, second, end], amounts, now_m, .. } =
+            &mut self.work;
+        let (seats, still) = (&mut self.seats, &self.port_steady);
+        let n = self.ported.n_ports;
+        map.free.times(simd, &self.list, free);
+        let free = free.as_flattened();
+        now.turn(turn);
+        // At the first stage the displacements of the middle are those of the free motion, and those
+        // of the end wait in `now_m`.
+        let middle_m = &mut *stage_m;
+        for port in 0..n {
+            middle_m[port] = free[port] + now.of(&still[port]);
+        }
+        push(&map.stage, start, middle_m);
+        forces(simd, seats, now, middle_m, first);
+        for port in 0..n {
+            middle_m[port] = free[port] + now.of(&still[port]);
+        }
+        push(&map.stage, first, middle_m);
+        forces(simd, seats, now, middle_m, second);
+        now.turn(turn);
+        for port in 0..n {
+            now_m[port] = free[n + port] + now.of(&still[port]);
+        }
+        let late_m = &mut *stage_m;
+        late_m.copy_from_slice(now_m);
+        for port in 0..n {
+            amounts[port] = 2.0 * second[port] - start[port];
+        }
+        push(&map.carried, start, late_m);
+        push(&map.stage, &amounts[..n], late_m);
+        forces(simd, seats, now, late_m, end);
+        for port in 0..n {
+            amounts[port] = start[port];
+            amounts[n + port] = first[port] + second[port];
+            amounts[2 * n + port] = end[port];
+        }
+        for (weights, amounts) in map.weighted.iter().zip(amounts.chunks_exact(n.max(1))) {
+            push(weights, amounts, now_m);
+        }
+        lanes::carry(simd, &map.whole, &map.columns, amounts, &mut self.list);
+    }
+}
+
+/// Adds to displacements what forces do to them.
+#[inline(always)]
+fn push(effect: &[f64], force: &[f64], displacement_m: &mut [f64]) {
+    let n = force.len().max(1);
+    for (row, force) in effect.chunks_exact(n).zip(force) {
+        for (displacement, effect) in displacement_m.iter_mut().zip(row) {
+            *displacement += effect * force;
+        }
+    }
+}
+
+/// Forces at the ports for their displacements.
+#[inline(always)]
+fn forces<S: Simd>(
+    simd: S,
+    seats: &mut [Seat],
+    now: &Moment,
+    displacement_m: &[f64],
+    out: &mut [f64],
+) {
+    let ports = displacement_m.chunks_exact(2).zip(out.chunks_exact_mut(2));
+    for ((seat, cage), (at, out)) in seats.iter_mut().zip(&now.cages).zip(ports) {
+        let force = seat.balls.force(simd, now.shaft_rad, *cage, [at[0], at[1]]);
+        out[0] = force[0] + seat.support_n_per_m * at[0];
+        out[1] = force[1] + seat.support_n_per_m * at[1];
+    }
+}
+
+impl Moment {
+    /// The angles of shaft and cages when the shaft's is this.
+    fn at(shaft_rad: f64, seats: &[Seat]) -> Self {
+        let unit = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            (cos, sin)
+        };
+        Self {
+            shaft_rad,
+            shaft: unit(shaft_rad),
+            cages: seats.iter().map(|seat| unit(seat.cage_ratio * shaft_rad)).collect(),
+        }
+    }
+
+    /// Goes on by these angles.
+    #[inline(always)]
+    fn turn(&mut self, by: &Self) {
+        let turned = |(c, s): (f64, f64), (dc, ds): (f64, f64)| (c * dc - s * ds, s * dc + c * ds);
+        self.shaft_rad += by.shaft_rad;
+        self.shaft = turned(self.shaft, by.shaft);
+        for (cage, by) in self.cages.iter_mut().zip(&by.cages) {
+            *cage = turned(*cage, *by);
+        }
+    }
+
+    /// Constant + cos and sin part.
+    #[inline(always)]
+    fn of(&self, still: &[f64; 3]) -> f64 {
+        still[0] + still[1] * self.shaft.0 + still[2] * self.shaft.1
+    }
+}

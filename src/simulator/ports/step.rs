@@ -1,0 +1,255 @@
+//! The linear maps of one step length (equations R9, R19): how the free motion goes on, and what
+//! forces at the ports add to it and to the displacements of the ports.
+//!
+//! Must not know what makes the forces.
+
+use super::lanes::{self, GROUP, Numbers, Rows, WIDTH};
+use nalgebra::Complex;
+use pulp::Simd;
+
+/// Coordinates with the ports at which forces come in and displacements are read.
+#[derive(Debug, Clone)]
+pub(super) struct Ported {
+    /// Number of ports.
+    pub(super) n_ports: usize,
+    /// λ, laid out.
+    lambda: Vec<f64>,
+    /// Largest |λ|, rad/s.
+    largest: f64,
+    /// What a unit force at each port does, laid out.
+    inputs: Vec<Vec<f64>>,
+    /// Displacement of every port: rows 0.. of the first, and again from `n_ports` on in the second.
+    early: Rows,
+    late: Rows,
+}
+
+/// The maps of one step length.
+#[derive(Debug, Clone, Default)]
+pub(super) struct StepMap {
+    /// exp(λ·h), laid out.
+    pub(super) whole: Vec<f64>,
+    /// Free displacements of all ports in the middle, then of all at the end.
+    pub(super) free: Rows,
+    /// For each group, one group a column: forces at the start of every port, those in the middle,
+    /// those at the end.
+    pub(super) columns: Vec<f64>,
+    /// Displacement in the middle by a force from the start on; [from·n_ports + at].
+    pub(super) stage: Vec<f64>,
+    /// Displacement at the end by the force that acted over the first half.
+    pub(super) carried: Vec<f64>,
+    /// Displacement at the end by the weighted forces of start, middle and end.
+    pub(super) weighted: [Vec<f64>; 3],
+    /// Scratch: exp(λ·h/2), effect of a force over half a step, and one column.
+    half: Vec<f64>,
+    half_force: Vec<f64>,
+    column: Vec<f64>,
+    sums: Vec<[f64; WIDTH]>,
+    powers: [Vec<f64>; 3],
+}
+
+/// 1/n! for the series of φ₃, n = 3 to 20: for |z| ≤ 1 the first term left out is below 1/21!.
+const INVERSE_FACTORIALS: [f64; 18] = inverse_factorials();
+
+const fn inverse_factorials() -> [f64; 18] {
+    let mut list = [0.0; 18];
+    let (mut factorial, mut n) = (2.0, 3);
+    while n < 21 {
+        factorial *= n as f64;
+        list[n - 3] = 1.0 / factorial;
+        n += 1;
+    }
+    list
+}
+
+impl Ported {
+    /// Coordinates of rates λ with what forces do to them and how displacements are read.
+    pub(super) fn new(
+        values: &[Complex<f64>],
+        inputs: &[Vec<Complex<f64>>],
+        outputs: &[Vec<Complex<f64>>],
+    ) -> Self {
+        let (n_ports, len) = (inputs.len(), lanes::list_len(values.len()));
+        let (mut early, mut late) = (Rows::zero(2 * n_ports, len), Rows::zero(2 * n_ports, len));
+        for (port, weights) in outputs.iter().enumerate() {
+            early.set(port, weights);
+            late.set(n_ports + port, weights);
+        }
+        Self {
+            n_ports,
+            lambda: lanes::list(values),
+            largest: values.iter().map(|value| value.norm()).fold(0.0, f64::max),
+            inputs: inputs.iter().map(|input| lanes::list(input)).collect(),
+            early,
+            late,
+        }
+    }
+
+    /// Displacements of all ports now, into the first numbers of `out`.
+    #[inline(always)]
+    pub(super) fn displacements<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
+        self.early.times(simd, list, out);
+    }
+}
+
+impl StepMap {
+    /// Room for the maps of `ported`.
+    pub(super) fn new(ported: &Ported) -> Self {
+        let (n, len) = (ported.n_ports, ported.lambda.len());
+        let square = || vec![0.0; n * n];
+        Self {
+            whole: vec![0.0; len],
+            free: Rows::zero(2 * n, len),
+            columns: vec![0.0; 3 * n * len],
+            stage: square(),
+            carried: square(),
+            weighted: [square(), square(), square()],
+            half: vec![0.0; len],
+            half_force: vec![0.0; len],
+            column: vec![0.0; len],
+            sums: vec![[0.0; WIDTH]; (2 * n).div_ceil(WIDTH)],
+            powers: [vec![0.0; len], vec![0.0; len], vec![0.0; len]],
+        }
+    }
+
+    /// Computes the maps for a step of `step_s`.
+    #[inline(always)]
+    pub(super) fn set<S: Simd>(&mut self, simd: S, ported: &Ported, step_s: f64) {
+        self.functions(simd, ported, step_s);
+        self.rows(simd, ported);
+        for port in 0..ported.n_ports {
+            self.port(simd, ported, port);
+        }
+    }
+
+    /// exp, φ₁, φ₂, φ₃ of λ·h by series of a part of it and doubling, and the weights of R9.
+    #[inline(always)]
+    fn functions<S: Simd>(&mut self, simd: S, ported: &Ported, step_s: f64) {
+        // The argument is halved so often that its size is at most 1, at least once.
+        let mut doublings = 1;
+        let mut scale = 0.5 * step_s;
+        while scale * ported.largest > 1.0 {
+            scale *= 0.5;
+            doublings += 1;
+        }
+        for (g, lambda) in ported.lambda.chunks_exact(GROUP).enumerate() {
+            let at = g * GROUP..(g + 1) * GROUP;
+            for v in 0..WIDTH / S::F64_LANES {
+                let z = Numbers::<S>::load(lambda, v).times(simd, scale);
+                let mut phi = series(simd, z);
+                for _ in 1..doublings {
+                    phi = doubled(simd, phi);
+                }
+                phi[0].store(&mut self.half[at.clone()], v);
+                phi[1].times(simd, 0.5 * step_s).store(&mut self.half_force[at.clone()], v);
+                let [whole, one, two, three] = doubled(simd, phi);
+                whole.store(&mut self.whole[at.clone()], v);
+                let sum = |a: f64, b: f64, c: f64| {
+                    let first = one.times(simd, a * step_s);
+                    let second = two.times(simd, b * step_s);
+                    first.plus(simd, second).plus(simd, three.times(simd, c * step_s))
+                };
+                sum(1.0, -3.0, 4.0).store(&mut self.powers[0][at.clone()], v);
+                sum(0.0, 2.0, -4.0).store(&mut self.powers[1][at.clone()], v);
+                sum(0.0, -1.0, 4.0).store(&mut self.powers[2][at.clone()], v);
+            }
+        }
+    }
+
+    /// Rows of the free displacements: those of now, with exp(λ·h/2) and exp(λ·h) before them.
+    #[inline(always)]
+    fn rows<S: Simd>(&mut self, simd: S, ported: &Ported) {
+        let given = ported.early.blocks.iter().zip(&ported.late.blocks);
+        for (block, (early, late)) in self.free.blocks.iter_mut().zip(given) {
+            for g in 0..self.whole.len() / GROUP {
+                for k in 0..WIDTH {
+                    let (re, im) = (g * GROUP + k, g * GROUP + WIDTH + k);
+                    let [half_re, half_im, whole_re, whole_im] =
+                        [self.half[re], self.half[im], self.whole[re], self.whole[im]]
+                            .map(|x| simd.splat_f64s(x));
+                    let (early_re, _) = S::as_simd_f64s(&early[re]);
+                    let (early_im, _) = S::as_simd_f64s(&early[im]);
+                    let (late_re, _) = S::as_simd_f64s(&late[re]);
+                    let (late_im, _) = S::as_simd_f64s(&late[im]);
+                    let mut out = [[0.0; WIDTH]; 2];
+                    let [out_re, out_im] = &mut out;
+                    let (out_re, _) = S::as_mut_simd_f64s(out_re);
+                    let (out_im, _) = S::as_mut_simd_f64s(out_im);
+                    for v in 0..WIDTH / S::F64_LANES {
+                        // A row holds Re c and −Im c: (c·e) → Re c·Re e − Im c·Im e and so on.
+                        let mut a = simd.mul_f64s(early_re[v], half_re);
+                        a = simd.mul_add_e_f64s(early_im[v], half_im, a);
+                        a = simd.mul_add_e_f64s(late_re[v], whole_re, a);
+                        out_re[v] = simd.mul_add_e_f64s(late_im[v], whole_im, a);
+                        let mut b = simd.mul_f64s(early_im[v], half_re);
+                        b = simd.negate_mul_add_e_f64s(early_re[v], half_im, b);
+                        b = simd.mul_add_e_f64s(late_im[v], whole_re, b);
+                        out_im[v] = simd.negate_mul_add_e_f64s(late_re[v], whole_im, b);
+                    }
+                    (block[re], block[im]) = (out[0], out[1]);
+                }
+            }
+        }
+    }
+
+    /// What a force at one port does to the coordinates and to all ports.
+    #[inline(always)]
+    fn port<S: Simd>(&mut self, simd: S, ported: &Ported, port: usize) {
+        let n = ported.n_ports;
+        let input = &ported.inputs[port];
+        let at = |from: usize| port * n + from;
+        product(simd, &self.half_force, input, &mut self.column);
+        ported.early.times(simd, &self.column, &mut self.sums);
+        let sums = self.sums.as_flattened();
+        self.stage[at(0)..at(n)].copy_from_slice(&sums[..n]);
+        self.free.times(simd, &self.column, &mut self.sums);
+        let sums = self.sums.as_flattened();
+        self.carried[at(0)..at(n)].copy_from_slice(&sums[..n]);
+        for kind in 0..3 {
+            product(simd, &self.powers[kind], input, &mut self.column);
+            let place = (kind * n + port) * GROUP;
+            for (g, group) in self.column.chunks_exact(GROUP).enumerate() {
+                let start = g * 3 * n * GROUP + place;
+                self.columns[start..start + GROUP].copy_from_slice(group);
+            }
+            ported.early.times(simd, &self.column, &mut self.sums);
+            let sums = self.sums.as_flattened();
+            self.weighted[kind][at(0)..at(n)].copy_from_slice(&sums[..n]);
+        }
+    }
+}
+
+/// Products of two lists, number by number.
+#[inline(always)]
+fn product<S: Simd>(simd: S, a: &[f64], b: &[f64], out: &mut [f64]) {
+    let groups = a.chunks_exact(GROUP).zip(b.chunks_exact(GROUP));
+    for ((a, b), out) in groups.zip(out.chunks_exact_mut(GROUP)) {
+        for v in 0..WIDTH / S::F64_LANES {
+            Numbers::<S>::load(a, v).product(simd, Numbers::load(b, v)).store(out, v);
+        }
+    }
+}
+
+/// [e^z, φ₁, φ₂, φ₃] for |z| ≤ 1: φ₃ = Σ zⁿ/(n+3)!, φₖ = z·φₖ₊₁ + 1/k!.
+#[inline(always)]
+fn series<S: Simd>(simd: S, z: Numbers<S>) -> [Numbers<S>; 4] {
+    let zero = simd.splat_f64s(0.0);
+    let mut sum = Numbers { re: zero, im: zero };
+    for coefficient in INVERSE_FACTORIALS.iter().rev() {
+        sum = sum.product(simd, z).plus_real(simd, *coefficient);
+    }
+    let two = sum.product(simd, z).plus_real(simd, 0.5);
+    let one = two.product(simd, z).plus_real(simd, 1.0);
+    [one.product(simd, z).plus_real(simd, 1.0), one, two, sum]
+}
+
+/// The same functions of 2z: φₖ(2z) = 2⁻ᵏ·(e^z·φₖ + Σⱼ φⱼ/(k−j)!).
+#[inline(always)]
+fn doubled<S: Simd>(simd: S, [exp, one, two, three]: [Numbers<S>; 4]) -> [Numbers<S>; 4] {
+    let grown = |phi: Numbers<S>| exp.product(simd, phi).plus(simd, phi);
+    [
+        exp.product(simd, exp),
+        grown(one).times(simd, 0.5),
+        grown(two).plus(simd, one).times(simd, 0.25),
+        grown(three).plus(simd, two).plus(simd, one.times(simd, 0.5)).times(simd, 0.125),
+    ]
+}

@@ -1,0 +1,166 @@
+//! What carries the motion of a scene on: the cheapest way that is open to it.
+
+use crate::simulator::build::Plan;
+use crate::simulator::linear::{LinearRun, LinearSystem};
+use crate::simulator::model::Model;
+use crate::simulator::ports::PortRun;
+use crate::simulator::run::{Run, Watch};
+use crate::simulator::scene::{Scene, Start};
+use std::f64::consts::TAU;
+
+/// Run-in of a scene with contacts that begins rotating: with raised damping, then with its own, s.
+const RUN_IN_S: (f64, f64) = (0.4, 0.2);
+
+/// Damping ratio of the first part of the run-in.
+const RUN_IN_DAMPING: f64 = 0.1;
+
+/// A motion that goes on.
+#[derive(Debug)]
+pub(super) enum Engine {
+    /// Exactly, sample by sample: no contacts, constant speed.
+    Linear(Box<LinearRun>),
+    /// Contacts at constant speed.
+    Ported(Box<PortRun>),
+    /// Anything.
+    Stepped(Box<Stepped>),
+}
+
+/// The general way, with what it shows.
+#[derive(Debug)]
+pub(super) struct Stepped {
+    run: Run,
+    watches: Vec<Watch>,
+}
+
+impl Engine {
+    /// The motion at time 0; `None` if there is no steady motion to begin with.
+    pub(super) fn new(
+        scene: &Scene,
+        model: &Model,
+        plan: &Plan,
+        watches: &[Watch],
+    ) -> Option<Self> {
+        let at_start = scene.speed.at(0.0);
+        if plan.is_linear {
+            let speed_hz = at_start.speed_rad_per_s / TAU;
+            let zero = vec![0.0; 2 * model.basis.len()];
+            let rest = (scene.start == Start::Rest).then_some((&zero[..], &zero[..]));
+            let run = LinearRun::new(model, speed_hz, watches, plan.rate_hz, rest)?;
+            return Some(Self::Linear(Box::new(run)));
+        }
+        let step_s = 1.0 / (plan.rate_hz * f64::from(plan.steps_per_sample));
+        if scene.start == Start::Rest {
+            return Some(Self::stepping(model, watches, step_s, 0, None));
+        }
+        let system = LinearSystem::new(model, at_start.speed_rad_per_s);
+        let steady = system.steady(model)?;
+        if model.seats.is_empty() {
+            let state = steady.at(&system, at_start.angle_rad);
+            return Some(Self::stepping(model, watches, step_s, 0, Some(state)));
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "ten thousands"
+        )]
+        let n_steps = |seconds: f64| (seconds / step_s).round() as usize;
+        let mut relaxed = model.clone();
+        for damping in &mut relaxed.damping {
+            *damping = damping.max(RUN_IN_DAMPING);
+        }
+        let (first, second) = (n_steps(RUN_IN_S.0), n_steps(RUN_IN_S.1));
+        let begin = -i64::try_from(first + second).unwrap_or(0);
+        let from = scene.speed.at(begin as f64 * step_s);
+        let state = steady.at(&system, from.angle_rad);
+        let mut run_in = Self::stepping(&relaxed, &[], step_s, begin, Some(state));
+        run_in.fill(first, &mut []);
+        let begin = -i64::try_from(second).unwrap_or(0);
+        let mut run = Self::stepping(model, watches, step_s, begin, run_in.state());
+        run.fill(second, &mut vec![Vec::new(); watches.len()]);
+        Some(run)
+    }
+
+    /// A motion with contacts or changing speed, in steps of `step_s` from number `first` on, from rest
+    /// or from the state given.
+    fn stepping(
+        model: &Model,
+        watches: &[Watch],
+        step_s: f64,
+        first: i64,
+        state: Option<(Vec<f64>, Vec<f64>)>,
+    ) -> Self {
+        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
+        if let Some(run) = PortRun::new(model, watches, step_s, first, given) {
+            return Self::Ported(Box::new(run));
+        }
+        let run = Run::new(model.clone(), step_s, state).beginning_at(first);
+        Self::Stepped(Box::new(Stepped { run, watches: watches.to_vec() }))
+    }
+
+    fn state(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+        match self {
+            Self::Linear(run) => Some(run.state()),
+            Self::Ported(run) => Some(run.state()),
+            Self::Stepped(stepped) => {
+                let (q, v) = stepped.run.state();
+                Some((q.to_vec(), v.to_vec()))
+            }
+        }
+    }
+
+    /// Takes `n` steps and leaves in `motion` what each watch sees at the beginning of each.
+    pub(super) fn fill(&mut self, n: usize, motion: &mut [Vec<f64>]) {
+        motion.iter_mut().for_each(Vec::clear);
+        match self {
+            Self::Linear(run) => run.fill(n, motion),
+            Self::Ported(run) => run.fill(n, motion),
+            Self::Stepped(stepped) => {
+                for _ in 0..n {
+                    stepped.run.step();
+                    for (list, watch) in motion.iter_mut().zip(&stepped.watches) {
+                        list.push(stepped.run.observe(watch));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Exchanges loads and contacts, the motion goes on; `false` if there is no steady motion under
+    /// them, and nothing is changed then.
+    pub(super) fn change(&mut self, model: &Model, watches: &[Watch]) -> bool {
+        match self {
+            Self::Linear(run) => run.set_loads(model, watches),
+            Self::Ported(run) => run.change(model, watches),
+            Self::Stepped(stepped) => {
+                stepped.run.change(|running| {
+                    running.bow = model.bow.clone();
+                    for (seat, new) in running.seats.iter_mut().zip(&model.seats) {
+                        seat.contacts = new.contacts.clone();
+                    }
+                });
+                true
+            }
+        }
+    }
+
+    /// Whether the motion is still a number.
+    pub(super) fn is_finite(&self) -> bool {
+        match self {
+            Self::Linear(_) => true,
+            Self::Ported(run) => run.is_finite(),
+            Self::Stepped(stepped) => stepped.run.state().0.iter().all(|q| q.is_finite()),
+        }
+    }
+
+    /// Largest load of a ball of every ball bearing so far, N.
+    pub(super) fn peak_loads_n(&self) -> Vec<f64> {
+        match self {
+            Self::Linear(_) => Vec::new(),
+            Self::Ported(run) => run.peak_loads_n().collect(),
+            Self::Stepped(stepped) => {
+                let seats = &stepped.run.model().seats;
+                seats.iter().map(|seat| seat.contacts.peak_force_n()).collect()
+            }
+        }
+    }
+}
