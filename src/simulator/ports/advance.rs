@@ -4,6 +4,37 @@ use super::lanes;
 use super::{Moment, PortRun, SAME_TIME, Seat, SetStep, Work};
 use pulp::{Simd, WithSimd};
 
+/// Most touches a grid step is cut for.
+const MOST_CUTS: usize = 16;
+
+/// Pieces below this part of a step are not cut again.
+const SMALLEST_CUT: f64 = 0.1;
+
+/// Pieces next to a touch, of the step that is cut: what a step from or to a touch misses goes with
+/// the 2.5th power of its length.
+const NEAR_TOUCH: [f64; 4] = [1.0 / 32.0, 1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0];
+
+/// Cuts a length at a part of it into pieces that shrink towards there and grow from there; the last
+/// first.
+fn pieces(part: f64, whole_s: f64, out: &mut Vec<f64>) {
+    let side = |length_s: f64, out: &mut Vec<f64>| {
+        let mut left_s = length_s;
+        for piece in NEAR_TOUCH {
+            let piece_s = piece * whole_s;
+            if left_s <= 1.5 * piece_s {
+                break;
+            }
+            out.push(piece_s);
+            left_s -= piece_s;
+        }
+        out.push(left_s);
+    };
+    let start = out.len();
+    side((1.0 - part) * whole_s, out);
+    out[start..].reverse();
+    side(part * whole_s, out);
+}
+
 /// Which maps a step takes.
 #[derive(Clone, Copy)]
 enum Length {
@@ -34,24 +65,96 @@ impl PortRun {
             let mut at_s = begin_s;
             while at_s < end_s {
                 let edge_s = self.next_edge(&mut next_edge, at_s, end_s);
-                let is_whole = edge_s.is_none() && at_s <= begin_s;
-                let length_s = edge_s.unwrap_or(end_s) - at_s;
-                let length = if is_whole { Length::Grid } else { Length::Odd(length_s) };
+                let to_s = edge_s.unwrap_or(end_s);
                 if is_stale {
-                    let middle_rad = now.shaft_rad + 0.5 * self.speed_rad_per_s * length_s;
+                    let middle_rad = now.shaft_rad + 0.5 * self.speed_rad_per_s * (to_s - at_s);
                     self.seats.iter_mut().for_each(|seat| seat.balls.set_side(middle_rad));
                 }
-                forces(simd, &mut self.seats, &now, &self.work.now_m, &mut self.work.forces[0]);
+                contact_forces(simd, &mut self.seats, &now, &self.work.now_m, &mut self.work.forces[0]);
                 if at_s <= begin_s {
                     self.observe(simd, &now, out);
                 }
-                self.step(simd, length, &mut now, &turn);
+                let is_whole = edge_s.is_none() && at_s <= begin_s;
+                let length = if is_whole { Length::Grid } else { Length::Odd(to_s - at_s) };
+                if self.cuts_at_contact {
+                    self.reach(simd, length, &mut now, &turn);
+                } else {
+                    self.step(simd, length, &mut now, &turn);
+                }
                 is_stale = edge_s.is_some();
-                at_s = edge_s.unwrap_or(end_s);
+                at_s = to_s;
             }
             // An edge that lies on the grid changes the side of what follows.
             is_stale |= self.passes_edges_at(&mut next_edge, end_s);
         }
+    }
+
+    /// Goes a length in as many steps as balls touch or leave in it. The force of a ball that touches
+    /// grows with t^1.5, which no polynomial follows: steps are cut there and grow from there on.
+    /// Forces at the start are known.
+    #[inline(always)]
+    fn reach<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        self.step_kept(simd, length, now, turn);
+        let Some(part) = self.first_touch(now) else { return };
+        let whole_s = match length {
+            Length::Grid => self.step_s,
+            Length::Odd(step_s) => step_s,
+        };
+        self.restore(now);
+        let mut ahead_s = std::mem::take(&mut self.work.ahead_s);
+        ahead_s.clear();
+        pieces(part, whole_s, &mut ahead_s);
+        let mut n_cuts = 1;
+        while let Some(piece_s) = ahead_s.pop() {
+            contact_forces(simd, &mut self.seats, now, &self.work.now_m, &mut self.work.forces[0]);
+            self.step_kept(simd, Length::Odd(piece_s), now, turn);
+            if n_cuts >= MOST_CUTS || piece_s < whole_s * SMALLEST_CUT {
+                continue;
+            }
+            if let Some(part) = self.first_touch(now) {
+                self.restore(now);
+                pieces(part, piece_s, &mut ahead_s);
+                n_cuts += 1;
+            }
+        }
+        self.work.ahead_s = ahead_s;
+    }
+
+    /// A step that can be taken back.
+    #[inline(always)]
+    fn step_kept<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        let kept = &mut self.kept;
+        kept.list.clone_from(&self.list);
+        kept.now_m.clone_from(&self.work.now_m);
+        kept.now.clone_from(now);
+        self.step(simd, length, now, turn);
+    }
+
+    fn restore(&mut self, now: &mut Moment) {
+        self.list.copy_from_slice(&self.kept.list);
+        self.work.now_m.copy_from_slice(&self.kept.now_m);
+        now.clone_from(&self.kept.now);
+    }
+
+    /// The part of the last step after which a ball first touches or leaves; `None` if none does.
+    fn first_touch(&mut self, after: &Moment) -> Option<f64> {
+        let before = &self.kept;
+        let mut first: Option<f64> = None;
+        let middle_rad = 0.5 * (before.now.shaft_rad + after.shaft_rad);
+        let middle = Moment::at(middle_rad, &self.seats);
+        let work = &self.work;
+        for (i, seat) in self.seats.iter_mut().enumerate() {
+            let place = |list: &[f64]| [list[2 * i], list[2 * i + 1]];
+            let looks = [
+                (before.now.shaft_rad, before.now.cages[i], place(&before.now_m)),
+                (middle_rad, middle.cages[i], place(&work.middle_m)),
+                (after.shaft_rad, after.cages[i], place(&work.now_m)),
+            ];
+            if let Some(part) = seat.balls.first_touch(looks) {
+                first = Some(first.map_or(part, |first| first.min(part)));
+            }
+        }
+        first
     }
 
     /// Times of the edges in an interval, in order.
@@ -125,8 +228,9 @@ impl PortRun {
                 (&self.odd, &odd_turn)
             }
         };
-        let Work { free, stage_m, forces: [start, first, second, end], amounts, now_m, .. } =
+        let Work { free, stage_m, middle_m: kept_middle_m, forces, amounts, now_m, .. } =
             &mut self.work;
+        let [start, first, second, end] = forces;
         let (seats, still) = (&mut self.seats, &self.port_steady);
         let n = self.ported.n_ports;
         map.free.times(simd, &self.list, free);
@@ -139,12 +243,13 @@ impl PortRun {
             middle_m[port] = free[port] + now.of(&still[port]);
         }
         push(&map.stage, start, middle_m);
-        forces(simd, seats, now, middle_m, first);
+        contact_forces(simd, seats, now, middle_m, first);
         for port in 0..n {
             middle_m[port] = free[port] + now.of(&still[port]);
         }
         push(&map.stage, first, middle_m);
-        forces(simd, seats, now, middle_m, second);
+        kept_middle_m.copy_from_slice(middle_m);
+        contact_forces(simd, seats, now, middle_m, second);
         now.turn(turn);
         for port in 0..n {
             now_m[port] = free[n + port] + now.of(&still[port]);
@@ -156,7 +261,7 @@ impl PortRun {
         }
         push(&map.carried, start, late_m);
         push(&map.stage, &amounts[..n], late_m);
-        forces(simd, seats, now, late_m, end);
+        contact_forces(simd, seats, now, late_m, end);
         for port in 0..n {
             amounts[port] = start[port];
             amounts[n + port] = first[port] + second[port];
@@ -182,7 +287,7 @@ fn push(effect: &[f64], force: &[f64], displacement_m: &mut [f64]) {
 
 /// Forces at the ports for their displacements.
 #[inline(always)]
-fn forces<S: Simd>(
+fn contact_forces<S: Simd>(
     simd: S,
     seats: &mut [Seat],
     now: &Moment,
@@ -192,14 +297,15 @@ fn forces<S: Simd>(
     let ports = displacement_m.chunks_exact(2).zip(out.chunks_exact_mut(2));
     for ((seat, cage), (at, out)) in seats.iter_mut().zip(&now.cages).zip(ports) {
         let force = seat.balls.force(simd, now.shaft_rad, *cage, [at[0], at[1]]);
-        out[0] = force[0] + seat.support_n_per_m * at[0];
-        out[1] = force[1] + seat.support_n_per_m * at[1];
+        let [[xx, xy], [yx, yy]] = seat.given_back_n_per_m;
+        out[0] = force[0] + xx * at[0] + xy * at[1];
+        out[1] = force[1] + yx * at[0] + yy * at[1];
     }
 }
 
 impl Moment {
     /// The angles of shaft and cages when the shaft's is this.
-    fn at(shaft_rad: f64, seats: &[Seat]) -> Self {
+    pub(super) fn at(shaft_rad: f64, seats: &[Seat]) -> Self {
         let unit = |angle: f64| {
             let (sin, cos) = angle.sin_cos();
             (cos, sin)

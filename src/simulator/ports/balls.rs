@@ -21,6 +21,8 @@ pub(super) struct Balls {
     is_moving: bool,
     /// Whether a ball was over a defect when `gap_m` was last set.
     was_over: bool,
+    /// Scratch: the same at three moments.
+    gaps_m: [Vec<f64>; 3],
     factor: f64,
     /// Largest approach of a ball so far, m.
     peak_m: f64,
@@ -39,6 +41,7 @@ impl Balls {
         Self {
             is_moving: contacts.has_waves(),
             was_over: false,
+            gaps_m: Default::default(),
             factor: contacts.bearing().contact_factor,
             peak_m: 0.0,
             contacts,
@@ -109,4 +112,65 @@ impl Balls {
         let across = self.factor * simd.reduce_sum_f64s(across);
         [across * cage.1 - along * cage.0, -across * cage.0 - along * cage.1]
     }
+
+    /// Tangent stiffness −∂F/∂u at a displacement, N/m: xx, xy, yy.
+    pub(super) fn stiffness_n_per_m(&self, cage: (f64, f64), [x, y]: [f64; 2]) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for ((c, s), gap) in self.cos.iter().zip(&self.sin).zip(&self.gap_m) {
+            let (cos, sin) = (cage.0 * c - cage.1 * s, cage.1 * c + cage.0 * s);
+            let approach = x * cos + y * sin - gap;
+            if approach > 0.0 {
+                let stiffness = 1.5 * self.factor * approach.sqrt();
+                sum[0] += stiffness * cos * cos;
+                sum[1] += stiffness * cos * sin;
+                sum[2] += stiffness * sin * sin;
+            }
+        }
+        sum
+    }
+
+    /// The part of a step after which a ball first touches or leaves, from angle of the shaft, that
+    /// of the cage and displacement at its start, middle and end; `None` if none does, or so
+    /// close to an end that it does not matter.
+    pub(super) fn first_touch(&mut self, looks: [Look; 3]) -> Option<f64> {
+        let mut first: Option<f64> = None;
+        let n = self.contacts.seats().len();
+        if self.is_moving {
+            for (look, gaps) in looks.iter().zip(&mut self.gaps_m) {
+                gaps.resize(n, 0.0);
+                self.contacts.gaps_m(look.0, gaps);
+            }
+        }
+        let turned = looks.map(|(_, (cos, sin), [x, y])| (x * cos + y * sin, y * cos - x * sin));
+        for j in 0..n {
+            let approach = |k: usize| {
+                let gap = if self.is_moving { self.gaps_m[k][j] } else { self.gap_m[j] };
+                turned[k].0 * self.cos[j] + turned[k].1 * self.sin[j] - gap
+            };
+            let [a, b, c] = [approach(0), approach(1), approach(2)];
+            let changes = (a > 0.0) != (b > 0.0) || (b > 0.0) != (c > 0.0);
+            if let Some(part) = changes.then(|| first_zero(a, b, c)).flatten() {
+                first = Some(first.map_or(part, |first| first.min(part)));
+            }
+        }
+        first
+    }
+}
+
+/// Angle of the shaft, cos and sin of the cage's, displacement.
+pub(super) type Look = (f64, (f64, f64), [f64; 2]);
+
+/// A touch this close to the ends of a step is left in it: what the force misses there goes with
+/// the 2.5th power of the time.
+const MARGIN: f64 = 0.02;
+
+/// First zero well inside (0, 1) of the parabola with these values at 0, 1/2 and 1.
+fn first_zero(start: f64, middle: f64, end: f64) -> Option<f64> {
+    let square = 2.0 * (start - 2.0 * middle + end);
+    let linear = 4.0 * middle - 3.0 * start - end;
+    let root = (linear * linear - 4.0 * square * start).max(0.0).sqrt();
+    // Both zeros without cancellation.
+    let q = -0.5 * (linear + root.copysign(linear));
+    let inside = |x: &f64| (MARGIN..=1.0 - MARGIN).contains(x);
+    [q / square, start / q].into_iter().filter(inside).min_by(f64::total_cmp)
 }

@@ -15,7 +15,7 @@ mod spectrum;
 mod step;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use super::linear::{LinearSystem, Seen, Steady};
 use super::model::{LinearSeat, Model};
@@ -32,6 +32,12 @@ const STRIDE: usize = 64;
 
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
+
+/// The run by which the stiffness of the contacts is taken: looks, and steps between two.
+const PILOT: (usize, usize) = (2000, 4);
+
+/// Least stiffness of a ball bearing in the linear part, of the support's in the basis.
+const LEAST_STIFFNESS: f64 = 0.05;
 
 /// A model in motion at constant speed.
 #[derive(Debug, Clone)]
@@ -50,17 +56,29 @@ pub struct PortRun {
     odd: StepMap,
     speed_rad_per_s: f64,
     step_s: f64,
+    /// Whether steps are cut where balls touch or leave.
+    cuts_at_contact: bool,
     n_steps: i64,
     /// The free motion.
     list: Vec<f64>,
     work: Work,
+    kept: Kept,
+}
+
+/// What a step changes, to take it back.
+#[derive(Debug, Clone)]
+struct Kept {
+    list: Vec<f64>,
+    now_m: Vec<f64>,
+    now: Moment,
 }
 
 /// A ball bearing with its two ports.
 #[derive(Debug, Clone)]
 struct Seat {
     balls: Balls,
-    support_n_per_m: f64,
+    /// Stiffness that is in the linear part and is given back here, N/m.
+    given_back_n_per_m: [[f64; 2]; 2],
     cage_ratio: f64,
 }
 
@@ -82,11 +100,31 @@ struct Work {
     free: Vec<[f64; WIDTH]>,
     seen: Vec<[f64; WIDTH]>,
     stage_m: Vec<f64>,
+    /// Displacements in the middle of the last step.
+    middle_m: Vec<f64>,
     /// Forces at the ports: start, first and second of the middle, end; and what they amount to.
     forces: [Vec<f64>; 4],
     amounts: Vec<f64>,
     angles: Vec<f64>,
     edges_s: Vec<f64>,
+    /// Pieces of a step that are still to go, the next last.
+    ahead_s: Vec<f64>,
+}
+
+impl Work {
+    fn new(n_ports: usize, n_watches: usize) -> Self {
+        let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
+        Self {
+            now_m: vec![0.0; n_ports],
+            stage_m: vec![0.0; n_ports],
+            middle_m: vec![0.0; n_ports],
+            free: blocks(2 * n_ports),
+            seen: blocks(n_watches),
+            forces: std::array::from_fn(|_| vec![0.0; n_ports]),
+            amounts: vec![0.0; 3 * n_ports],
+            ..Self::default()
+        }
+    }
 }
 
 /// Angles of shaft and cages at one moment.
@@ -111,8 +149,28 @@ impl PortRun {
         first_step: i64,
         state: Option<(&[f64], &[f64])>,
     ) -> Option<Self> {
+        let support = |seat: &super::model::Seat| {
+            let k = seat.support_n_per_m;
+            [[k, 0.0], [0.0, k]]
+        };
+        let supports: Vec<_> = model.seats.iter().map(support).collect();
+        let start = (first_step, state);
+        let mut pilot = Self::about(model, &[], step_s, start, &supports)?;
+        let stiffness = pilot.mean_stiffness_n_per_m();
+        let run = Self::about(model, watches, step_s, start, &stiffness);
+        run.or_else(|| Self::about(model, watches, step_s, start, &supports))
+    }
+
+    /// A run with these stiffnesses of the ball bearings in the linear part.
+    fn about(
+        model: &Model,
+        watches: &[Watch],
+        step_s: f64,
+        (first_step, state): (i64, Option<(&[f64], &[f64])>),
+        stiffness_n_per_m: &[[[f64; 2]; 2]],
+    ) -> Option<Self> {
         let speed_rad_per_s = model.speed.constant_rad_per_s()?;
-        let linear = with_dampers(model);
+        let linear = linearised(model, stiffness_n_per_m);
         let system = LinearSystem::new(&linear, speed_rad_per_s);
         let steady = system.steady(model)?;
         let spectrum = Spectrum::of(system.matrix())?;
@@ -120,35 +178,24 @@ impl PortRun {
         let inputs: Vec<_> = ports.iter().map(|port| spectrum.input(&port.input)).collect();
         let outputs: Vec<_> = ports.iter().map(|port| spectrum.output(&port.output)).collect();
         let ported = Ported::new(&spectrum.values, &inputs, &outputs);
-        let n = ported.n_ports;
         let arch = Arch::new();
         let mut grid = StepMap::new(&ported);
         arch.dispatch(SetStep { map: &mut grid, ported: &ported, step_s });
-        let seat = |seat: &super::model::Seat| Seat {
+        let seat = |(seat, stiffness): (&super::model::Seat, &[[f64; 2]; 2])| Seat {
             cage_ratio: seat.contacts.bearing().cage_ratio,
-            support_n_per_m: seat.support_n_per_m,
+            given_back_n_per_m: *stiffness,
             balls: Balls::new(seat.contacts.clone()),
-        };
-        let len = lanes::list_len(spectrum.values.len());
-        let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
-        let work = Work {
-            now_m: vec![0.0; n],
-            stage_m: vec![0.0; n],
-            free: blocks(2 * n),
-            seen: blocks(watches.len()),
-            forces: std::array::from_fn(|_| vec![0.0; n]),
-            amounts: vec![0.0; 3 * n],
-            ..Work::default()
         };
         let mut run = Self {
             arch,
-            seats: model.seats.iter().map(seat).collect(),
+            seats: model.seats.iter().zip(stiffness_n_per_m).map(seat).collect(),
             port_steady: ports.iter().map(|port| steady.seen_by(&port.output)).collect(),
             watched: watched(&system, &steady, &spectrum, &ports, watches),
             odd: StepMap::new(&ported),
             model: model.clone(),
-            list: vec![0.0; len],
+            list: vec![0.0; lanes::list_len(spectrum.values.len())],
             n_steps: first_step,
+            work: Work::new(ported.n_ports, watches.len()),
             system,
             spectrum,
             steady,
@@ -156,11 +203,44 @@ impl PortRun {
             grid,
             speed_rad_per_s,
             step_s,
-            work,
+            cuts_at_contact: false,
+            kept: Kept { list: Vec::new(), now_m: Vec::new(), now: Moment::at(0.0, &[]) },
         };
         let zero = vec![0.0; 2 * model.basis.len()];
         run.set_state(state.unwrap_or((&zero, &zero)));
         Some(run)
+    }
+
+    /// Runs a while and tells the mean tangent stiffness of every ball bearing, N/m: about it, what
+    /// is left to integrate varies least. Never below a small part of the support, so that the
+    /// linear part holds the shaft.
+    fn mean_stiffness_n_per_m(&mut self) -> Vec<[[f64; 2]; 2]> {
+        let mut sums = vec![[0.0; 3]; self.seats.len()];
+        for _ in 0..PILOT.0 {
+            self.fill(PILOT.1, &mut []);
+            let cages = Moment::at(self.shaft_rad(self.time_s()), &self.seats).cages;
+            let places = self.work.now_m.chunks_exact(2);
+            for (((seat, cage), at), sum) in
+                self.seats.iter().zip(cages).zip(places).zip(&mut sums)
+            {
+                let now = seat.balls.stiffness_n_per_m(cage, [at[0], at[1]]);
+                sum.iter_mut().zip(now).for_each(|(sum, now)| *sum += now / PILOT.0 as f64);
+            }
+        }
+        let of = |(seat, [xx, xy, yy]): (&Seat, [f64; 3])| {
+            let least = LEAST_STIFFNESS * seat.given_back_n_per_m[0][0];
+            let softest = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+            let missing = (least - softest).max(0.0);
+            [[xx + missing, xy], [xy, yy + missing]]
+        };
+        self.seats.iter().zip(sums).map(of).collect()
+    }
+
+    /// Cuts steps where balls touch or leave, which keeps the order of four.
+    #[must_use]
+    pub fn cutting_at_contact(mut self, cuts: bool) -> Self {
+        self.cuts_at_contact = cuts;
+        self
     }
 
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {
@@ -232,14 +312,14 @@ impl PortRun {
     }
 }
 
-/// The model with the dampers of its ball bearings as linear seats.
-fn with_dampers(model: &Model) -> Model {
+/// The model with the dampers of its ball bearings and these stiffnesses as linear seats.
+fn linearised(model: &Model, stiffness_n_per_m: &[[[f64; 2]; 2]]) -> Model {
     let mut linear = model.clone();
-    for seat in &model.seats {
-        let damping = seat.contacts.bearing().damping_n_s_per_m;
+    for (seat, [[xx, xy], [yx, yy]]) in model.seats.iter().zip(stiffness_n_per_m) {
+        let (support, damping) = (seat.support_n_per_m, seat.contacts.bearing().damping_n_s_per_m);
         linear.linear_seats.push(LinearSeat {
             row: seat.row.clone(),
-            stiffness_n_per_m: [[0.0; 2]; 2],
+            stiffness_n_per_m: [[xx - support, *xy], [*yx, yy - support]],
             damping_n_s_per_m: [[damping, 0.0], [0.0, damping]],
         });
     }

@@ -7,7 +7,7 @@ use crate::simulator::run::{Run, tests::set_a};
 use std::f64::consts::TAU;
 
 /// Motion and acceleration of both bearings along x and y.
-fn watches(model: &Model) -> Vec<Watch> {
+pub(crate) fn watches(model: &Model) -> Vec<Watch> {
     let of = |seat: usize, axis_rad: f64, quantity: Quantity| Watch {
         row: model.seats[seat].row.clone(),
         axis_rad,
@@ -21,7 +21,9 @@ fn watches(model: &Model) -> Vec<Watch> {
 
 fn fast(model: &Model, step_s: f64, n: usize, every: usize) -> Vec<Vec<f64>> {
     let watches = watches(model);
-    let mut run = PortRun::new(model, &watches, step_s, 0, None).expect("a diagonal form");
+    let mut run = PortRun::new(model, &watches, step_s, 0, None)
+        .expect("a diagonal form")
+        .cutting_at_contact(std::env::var("CUT").is_ok());
     let mut out = vec![Vec::new(); watches.len()];
     run.fill(n, &mut out);
     out.iter().map(|list| list.iter().copied().step_by(every).collect()).collect()
@@ -64,4 +66,52 @@ fn the_fast_way_goes_where_the_slow_one_goes() {
         let text = |list: &[f64]| list.iter().map(|x| format!("{x:.1e} ")).collect::<String>();
         println!("{step_us} fast {} slow {}", text(&f), text(&s));
     }
+}
+
+fn filtered(list: &[f64], oversampling: u32) -> Vec<f64> {
+    use crate::simulator::sensor::{Chain, SensorModel};
+    let model = SensorModel {
+        oversampling,
+        rate_hz: 10_000.0,
+        corner_hz: Some(4000.0),
+        noise_density: 0.0,
+        drift_per_s: 0.0,
+        rest: 0.0,
+        converter: None,
+        dropouts_s: Vec::new(),
+    };
+    let mut chain = Chain::new(model, 1, 0);
+    list.iter().filter_map(|x| chain.push(*x)).collect()
+}
+
+#[test]
+fn what_sensors_see() {
+    for width in [0.05, 0.0] {
+        let (mut model, plane, _) = set_a(width, 4.0);
+        if width < 0.5 && std::env::var("D").is_ok() {
+            model.add_acceleration(&plane, [0.0, -9.81]);
+            for seat in &mut model.seats {
+                let mut bearing = seat.contacts.bearing().clone();
+                bearing.clearance_m = 2e-6;
+                seat.contacts = crate::simulator::contact::Contacts::new(bearing);
+            }
+        }
+        for oversampling in [4_u32, 5, 7, 10, 14, 20, 28, 40] {
+            let h = 1e-4 / f64::from(oversampling);
+            let n = 1000 * oversampling as usize;
+            let reference = fast(&model, h / 16.0, n * 16, 16);
+            let found = fast(&model, h, n, 1);
+            let raw = differences(&found, &reference);
+            let f = |lists: &[Vec<f64>]| -> Vec<Vec<f64>> {
+                lists.iter().map(|l| filtered(l, oversampling)).collect()
+            };
+            let seen = differences(&f(&found), &f(&reference));
+            let text = |list: &[f64]| list.iter().map(|x| format!("{x:.1e} ")).collect::<String>();
+            println!("{width} {oversampling} {:.1} us raw {} seen {}", h * 1e6, text(&raw), text(&seen));
+        }
+    }
+    let (model, ..) = set_a(0.05, 4.0);
+    let run = PortRun::new(&model, &watches(&model), 1e-5, 0, None).unwrap();
+    let hz: Vec<String> = run.spectrum.values.iter().map(|v| format!("{:.0}", v.im / TAU)).collect();
+    println!("{hz:?}");
 }

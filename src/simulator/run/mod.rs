@@ -168,4 +168,4 @@ impl Run {
 }
 
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;
