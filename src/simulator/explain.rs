@@ -107,11 +107,19 @@ fn computed(plan: &Plan) -> String {
             plan.rate_hz
         );
     }
-    let step_us = 1e6 / (plan.rate_hz * f64::from(plan.steps_per_sample));
+    let cuts = if plan.cuts_at_contact { ", and where balls touch or leave" } else { "" };
+    let by = if plan.is_error_measured {
+        "measured on its first 0.05 s against steps of half the length"
+    } else {
+        "by the error measured on set A (docs/simulator.md)"
+    };
     format!(
-        "in steps of {step_us:.3} µs ({} a sample at {} Hz), cut at every edge of a defect; expected relative error \
-         of the motion {:.1e}, by the error measured on set A (docs/simulator.md)",
-        plan.steps_per_sample, plan.rate_hz, plan.expected_error
+        "in steps of {:.3} µs ({} a sample at {} Hz), cut at every edge of a defect{cuts}; expected relative error \
+         of what sensors see {:.1e}, {by}",
+        1e6 * plan.step_s(),
+        plan.steps_per_sample,
+        plan.rate_hz,
+        plan.expected_error
     )
 }
 

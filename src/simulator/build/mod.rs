@@ -50,6 +50,10 @@ pub struct Plan {
     pub is_linear: bool,
     /// Expected relative error of the motion.
     pub expected_error: f64,
+    /// Whether that was measured on the scene's first moments, and not taken from set A.
+    pub is_error_measured: bool,
+    /// Whether steps are cut where balls touch or leave.
+    pub cuts_at_contact: bool,
     /// Modes of each plane.
     pub n_modes: usize,
     /// Attachment shapes of each plane.
@@ -64,6 +68,14 @@ pub struct Plan {
     pub gyroscopic_effect: f64,
     /// Whether it is modelled.
     pub has_gyroscopic: bool,
+}
+
+impl Plan {
+    /// Length of a step, s.
+    #[must_use]
+    pub fn step_s(&self) -> f64 {
+        1.0 / (self.rate_hz * f64::from(self.steps_per_sample))
+    }
 }
 
 /// A model with the plane it was reduced from.
@@ -180,6 +192,8 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
         steps_per_sample,
         is_linear,
         expected_error: if is_linear { 1e-12 } else { ERROR_AT_10_US * (step_s / 10e-6).powi(4) },
+        is_error_measured: false,
+        cuts_at_contact: false,
         n_modes: modes.len(),
         n_attachments: basis.len() - modes.len(),
         highest_hz: modes.omega_rad_per_s.last().map_or(0.0, hz),

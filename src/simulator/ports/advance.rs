@@ -1,7 +1,7 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
 use super::lanes;
-use super::{Moment, PortRun, SAME_TIME, Seat, SetStep, Work};
+use super::{Moment, PortRun, SAME_TIME, STRIDE, Seat, SetStep, Work};
 use pulp::{Simd, WithSimd};
 
 /// Most touches a grid step is cut for.
@@ -50,14 +50,14 @@ impl PortRun {
     pub(super) fn stride<S: Simd>(&mut self, simd: S, n_steps: usize, out: &mut [Vec<f64>]) {
         let from_s = self.time_s();
         self.find_edges(from_s, (self.n_steps + n_steps as i64) as f64 * self.step_s);
-        let mut now = Moment::at(self.shaft_rad(from_s), &self.seats);
+        let is_anchor = self.n_steps.rem_euclid(STRIDE) == 0;
+        let mut now = match self.now.take() {
+            Some(now) if !is_anchor => now,
+            _ => self.anchor(simd, from_s),
+        };
         let turn = Moment::at(0.5 * self.speed_rad_per_s * self.step_s, &self.seats);
-        self.ported.displacements(simd, &self.list, &mut self.work.free);
-        let free = self.work.free.as_flattened();
-        for ((now_m, free), still) in self.work.now_m.iter_mut().zip(free).zip(&self.port_steady) {
-            *now_m = free + now.of(still);
-        }
-        let (mut next_edge, mut is_stale) = (0, true);
+        let mut next_edge = 0;
+        let mut is_stale = self.is_stale;
         for _ in 0..n_steps {
             let begin_s = self.time_s();
             self.n_steps += 1;
@@ -70,7 +70,8 @@ impl PortRun {
                     let middle_rad = now.shaft_rad + 0.5 * self.speed_rad_per_s * (to_s - at_s);
                     self.seats.iter_mut().for_each(|seat| seat.balls.set_side(middle_rad));
                 }
-                contact_forces(simd, &mut self.seats, &now, &self.work.now_m, &mut self.work.forces[0]);
+                let start = &mut self.work.forces[0];
+                contact_forces(simd, &mut self.seats, (&now, true), &self.work.now_m, start);
                 if at_s <= begin_s {
                     self.observe(simd, &now, out);
                 }
@@ -87,6 +88,20 @@ impl PortRun {
             // An edge that lies on the grid changes the side of what follows.
             is_stale |= self.passes_edges_at(&mut next_edge, end_s);
         }
+        (self.now, self.is_stale) = (Some(now), is_stale);
+    }
+
+    /// Angles and displacements of the ports anew from time and state, free of what rounding has
+    /// added since the last time.
+    #[inline(always)]
+    fn anchor<S: Simd>(&mut self, simd: S, at_s: f64) -> Moment {
+        let now = Moment::at(self.shaft_rad(at_s), &self.seats);
+        self.ported.displacements(simd, &self.list, &mut self.work.free);
+        let free = self.work.free.as_flattened();
+        for ((now_m, free), still) in self.work.now_m.iter_mut().zip(free).zip(&self.port_steady) {
+            *now_m = free + now.of(still);
+        }
+        now
     }
 
     /// Goes a length in as many steps as balls touch or leave in it. The force of a ball that touches
@@ -106,7 +121,8 @@ impl PortRun {
         pieces(part, whole_s, &mut ahead_s);
         let mut n_cuts = 1;
         while let Some(piece_s) = ahead_s.pop() {
-            contact_forces(simd, &mut self.seats, now, &self.work.now_m, &mut self.work.forces[0]);
+            let start = &mut self.work.forces[0];
+            contact_forces(simd, &mut self.seats, (now, true), &self.work.now_m, start);
             self.step_kept(simd, Length::Odd(piece_s), now, turn);
             if n_cuts >= MOST_CUTS || piece_s < whole_s * SMALLEST_CUT {
                 continue;
@@ -138,6 +154,9 @@ impl PortRun {
 
     /// The part of the last step after which a ball first touches or leaves; `None` if none does.
     fn first_touch(&mut self, after: &Moment) -> Option<f64> {
+        if !self.seats.iter().any(|seat| seat.balls.has_touched()) {
+            return None;
+        }
         let before = &self.kept;
         let mut first: Option<f64> = None;
         let middle_rad = 0.5 * (before.now.shaft_rad + after.shaft_rad);
@@ -243,13 +262,13 @@ impl PortRun {
             middle_m[port] = free[port] + now.of(&still[port]);
         }
         push(&map.stage, start, middle_m);
-        contact_forces(simd, seats, now, middle_m, first);
+        contact_forces(simd, seats, (now, false), middle_m, first);
         for port in 0..n {
             middle_m[port] = free[port] + now.of(&still[port]);
         }
         push(&map.stage, first, middle_m);
         kept_middle_m.copy_from_slice(middle_m);
-        contact_forces(simd, seats, now, middle_m, second);
+        contact_forces(simd, seats, (now, false), middle_m, second);
         now.turn(turn);
         for port in 0..n {
             now_m[port] = free[n + port] + now.of(&still[port]);
@@ -261,7 +280,7 @@ impl PortRun {
         }
         push(&map.carried, start, late_m);
         push(&map.stage, &amounts[..n], late_m);
-        contact_forces(simd, seats, now, late_m, end);
+        contact_forces(simd, seats, (now, false), late_m, end);
         for port in 0..n {
             amounts[port] = start[port];
             amounts[n + port] = first[port] + second[port];
@@ -285,18 +304,18 @@ fn push(effect: &[f64], force: &[f64], displacement_m: &mut [f64]) {
     }
 }
 
-/// Forces at the ports for their displacements.
+/// Forces at the ports for their displacements, at the start of a step or inside it.
 #[inline(always)]
 fn contact_forces<S: Simd>(
     simd: S,
     seats: &mut [Seat],
-    now: &Moment,
+    (now, is_start): (&Moment, bool),
     displacement_m: &[f64],
     out: &mut [f64],
 ) {
     let ports = displacement_m.chunks_exact(2).zip(out.chunks_exact_mut(2));
     for ((seat, cage), (at, out)) in seats.iter_mut().zip(&now.cages).zip(ports) {
-        let force = seat.balls.force(simd, now.shaft_rad, *cage, [at[0], at[1]]);
+        let force = seat.balls.force(simd, now.shaft_rad, *cage, [at[0], at[1]], is_start);
         let [[xx, xy], [yx, yy]] = seat.given_back_n_per_m;
         out[0] = force[0] + xx * at[0] + xy * at[1];
         out[1] = force[1] + yx * at[0] + yy * at[1];

@@ -21,6 +21,12 @@ pub(super) struct Balls {
     is_moving: bool,
     /// Whether a ball was over a defect when `gap_m` was last set.
     was_over: bool,
+    /// 2^j of ball j, 0 of what fills up.
+    code: Vec<f64>,
+    /// Sum of the codes of the balls that carried load at the start of the step, and whether it was
+    /// another one later in it.
+    loaded: f64,
+    has_touched: bool,
     /// Scratch: the same at three moments.
     gaps_m: [Vec<f64>; 3],
     factor: f64,
@@ -37,10 +43,15 @@ impl Balls {
             (cos[j], sin[j]) = (*c, *s);
         }
         let mut gap_m = vec![f64::INFINITY; n];
+        let code: Vec<f64> =
+            (0..n).scan(1.0, |code, _| Some(std::mem::replace(code, *code * 2.0))).collect();
         gap_m[..contacts.seats().len()].fill(contacts.bearing().clearance_m);
         Self {
             is_moving: contacts.has_waves(),
             was_over: false,
+            code,
+            loaded: 0.0,
+            has_touched: false,
             gaps_m: Default::default(),
             factor: contacts.bearing().contact_factor,
             peak_m: 0.0,
@@ -79,7 +90,8 @@ impl Balls {
         self.was_over = is_over;
     }
 
-    /// Force on the shaft, N, at a displacement, m; `cage` is cos and sin of the cage's angle.
+    /// Force on the shaft, N, at a displacement, m; `cage` is cos and sin of the cage's angle,
+    /// `is_start` whether a step begins here.
     #[inline(always)]
     pub(super) fn force<S: Simd>(
         &mut self,
@@ -87,6 +99,7 @@ impl Balls {
         shaft_rad: f64,
         cage: (f64, f64),
         [x, y]: [f64; 2],
+        is_start: bool,
     ) -> [f64; 2] {
         if self.is_moving {
             self.contacts.gaps_m(shaft_rad, &mut self.gap_m);
@@ -94,13 +107,16 @@ impl Balls {
         let u = simd.splat_f64s(x * cage.0 + y * cage.1);
         let v = simd.splat_f64s(y * cage.0 - x * cage.1);
         let zero = simd.splat_f64s(0.0);
-        let (mut along, mut across, mut peak) = (zero, zero, zero);
+        let (mut along, mut across, mut peak, mut loaded) = (zero, zero, zero, zero);
+        let (code, _) = S::as_simd_f64s(&self.code);
         let (cos, _) = S::as_simd_f64s(&self.cos);
         let (sin, _) = S::as_simd_f64s(&self.sin);
         let (gap, _) = S::as_simd_f64s(&self.gap_m);
-        for ((&c, &s), &gap) in cos.iter().zip(sin).zip(gap) {
+        for (((&c, &s), &gap), &code) in cos.iter().zip(sin).zip(gap).zip(code) {
             let mut approach = simd.sub_f64s(simd.mul_f64s(u, c), gap);
             approach = simd.mul_add_e_f64s(v, s, approach);
+            let is_loaded = simd.less_than_f64s(zero, approach);
+            loaded = simd.add_f64s(loaded, simd.select_f64s(is_loaded, code, zero));
             approach = simd.max_f64s(approach, zero);
             let load = simd.mul_f64s(approach, simd.sqrt_f64s(approach));
             along = simd.mul_add_e_f64s(load, c, along);
@@ -108,6 +124,12 @@ impl Balls {
             peak = simd.max_f64s(peak, approach);
         }
         self.peak_m = self.peak_m.max(simd.reduce_max_f64s(peak));
+        let loaded = simd.reduce_sum_f64s(loaded);
+        if is_start {
+            (self.loaded, self.has_touched) = (loaded, false);
+        } else {
+            self.has_touched |= (loaded - self.loaded).abs() > 0.0;
+        }
         let along = self.factor * simd.reduce_sum_f64s(along);
         let across = self.factor * simd.reduce_sum_f64s(across);
         [across * cage.1 - along * cage.0, -across * cage.0 - along * cage.1]
@@ -127,6 +149,11 @@ impl Balls {
             }
         }
         sum
+    }
+
+    /// Whether a ball touched or left since the step's start, as far as the stages saw.
+    pub(super) fn has_touched(&self) -> bool {
+        self.has_touched
     }
 
     /// The part of a step after which a ball first touches or leaves, from angle of the shaft, that

@@ -15,7 +15,7 @@ mod spectrum;
 mod step;
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;
 
 use super::linear::{LinearSystem, Seen, Steady};
 use super::model::{LinearSeat, Model};
@@ -27,8 +27,8 @@ use pulp::{Arch, Simd, WithSimd};
 use spectrum::Spectrum;
 use step::{Ported, StepMap};
 
-/// Most grid steps between two exact evaluations of the angles.
-const STRIDE: usize = 64;
+/// Grid steps between two exact evaluations of the angles.
+const STRIDE: i64 = 64;
 
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
@@ -59,6 +59,10 @@ pub struct PortRun {
     /// Whether steps are cut where balls touch or leave.
     cuts_at_contact: bool,
     n_steps: i64,
+    /// Angles at the next step, if the last one ended there.
+    now: Option<Moment>,
+    /// Whether the next step must ask which balls are over defects.
+    is_stale: bool,
     /// The free motion.
     list: Vec<f64>,
     work: Work,
@@ -204,6 +208,8 @@ impl PortRun {
             speed_rad_per_s,
             step_s,
             cuts_at_contact: false,
+            now: None,
+            is_stale: true,
             kept: Kept { list: Vec::new(), now_m: Vec::new(), now: Moment::at(0.0, &[]) },
         };
         let zero = vec![0.0; 2 * model.basis.len()];
@@ -220,8 +226,7 @@ impl PortRun {
             self.fill(PILOT.1, &mut []);
             let cages = Moment::at(self.shaft_rad(self.time_s()), &self.seats).cages;
             let places = self.work.now_m.chunks_exact(2);
-            for (((seat, cage), at), sum) in
-                self.seats.iter().zip(cages).zip(places).zip(&mut sums)
+            for (((seat, cage), at), sum) in self.seats.iter().zip(cages).zip(places).zip(&mut sums)
             {
                 let now = seat.balls.stiffness_n_per_m(cage, [at[0], at[1]]);
                 sum.iter_mut().zip(now).for_each(|(sum, now)| *sum += now / PILOT.0 as f64);
@@ -236,6 +241,32 @@ impl PortRun {
         self.seats.iter().zip(sums).map(of).collect()
     }
 
+    /// The same run with another step; the next one, with which it begins, is `first_step`. To be
+    /// used before the first step.
+    #[must_use]
+    pub fn with_step(mut self, step_s: f64, first_step: i64) -> Self {
+        let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s };
+        self.arch.dispatch(set);
+        (self.step_s, self.n_steps) = (step_s, first_step);
+        self
+    }
+
+    /// The same run with other watches.
+    #[must_use]
+    pub fn watching(&self, watches: &[Watch]) -> Self {
+        let mut run = self.clone();
+        let ports = ports(&run.model, &run.system);
+        run.watched = watched(&run.system, &run.steady, &run.spectrum, &ports, watches);
+        run.work.seen = vec![[0.0; WIDTH]; watches.len().div_ceil(WIDTH)];
+        run
+    }
+
+    /// Number of watches.
+    #[must_use]
+    pub fn n_watches(&self) -> usize {
+        self.watched.steady.len()
+    }
+
     /// Cuts steps where balls touch or leave, which keeps the order of four.
     #[must_use]
     pub fn cutting_at_contact(mut self, cuts: bool) -> Self {
@@ -246,6 +277,7 @@ impl PortRun {
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {
         let free = self.system.state(q, v) - self.steady.state(self.shaft_rad(self.time_s()));
         self.list = lanes::list(&self.spectrum.input(&free));
+        (self.now, self.is_stale) = (None, true);
     }
 
     /// Time at which the next step begins, s.
@@ -305,7 +337,9 @@ impl PortRun {
         let arch = self.arch;
         let mut left = n;
         while left > 0 {
-            let n_steps = left.min(STRIDE);
+            // Strides begin at the same steps however a run is cut into calls: same bits.
+            let to_anchor = STRIDE - self.n_steps.rem_euclid(STRIDE);
+            let n_steps = usize::try_from(to_anchor).unwrap_or(left).min(left);
             arch.dispatch(Advance { run: self, n_steps, out });
             left -= n_steps;
         }

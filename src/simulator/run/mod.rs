@@ -168,4 +168,4 @@ impl Run {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+pub(super) mod tests;

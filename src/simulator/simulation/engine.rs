@@ -6,6 +6,7 @@ use crate::simulator::model::Model;
 use crate::simulator::ports::PortRun;
 use crate::simulator::run::{Run, Watch};
 use crate::simulator::scene::{Scene, Start};
+use crate::simulator::simulation::step_choice::{self, Choice};
 use std::f64::consts::TAU;
 
 /// Run-in of a scene with contacts that begins rotating: with raised damping, then with its own, s.
@@ -32,72 +33,95 @@ pub(super) struct Stepped {
     watches: Vec<Watch>,
 }
 
+/// What a motion with contacts or changing speed begins with.
+#[derive(Clone, Copy)]
+struct Begin<'a> {
+    scene: &'a Scene,
+    model: &'a Model,
+    watches: &'a [Watch],
+    plan: &'a Plan,
+}
+
+type State = (Vec<f64>, Vec<f64>);
+
+impl Begin<'_> {
+    /// From sample `begin` of the fastest channel on, from rest or from the state given, with the step
+    /// that keeps the accuracy.
+    fn chosen(self, begin: i64, state: Option<State>) -> (Engine, Option<Choice>) {
+        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
+        let at = (self.plan.rate_hz, begin);
+        match step_choice::choose(self.scene, self.model, self.watches, at, given) {
+            Some((run, choice)) => (Engine::Ported(Box::new(run)), Some(choice)),
+            None => (self.general(begin, state), None),
+        }
+    }
+
+    /// The same with the step of the plan.
+    fn planned(self, begin: i64, state: Option<State>) -> Engine {
+        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
+        let begin_step = begin * i64::from(self.plan.steps_per_sample);
+        match PortRun::new(self.model, self.watches, self.plan.step_s(), begin_step, given) {
+            Some(run) => Engine::Ported(Box::new(run)),
+            None => self.general(begin, state),
+        }
+    }
+
+    fn general(self, begin: i64, state: Option<State>) -> Engine {
+        let begin_step = begin * i64::from(self.plan.steps_per_sample);
+        let run = Run::new(self.model.clone(), self.plan.step_s(), state).beginning_at(begin_step);
+        Engine::Stepped(Box::new(Stepped { run, watches: self.watches.to_vec() }))
+    }
+}
+
+fn steps(n_samples: i64, steps_per_sample: u32) -> usize {
+    usize::try_from(n_samples).unwrap_or(0) * steps_per_sample as usize
+}
+
 impl Engine {
-    /// The motion at time 0; `None` if there is no steady motion to begin with.
+    /// The motion at time 0, with the step chosen if there was a choice; `None` if there is no steady motion to begin with.
     pub(super) fn new(
         scene: &Scene,
         model: &Model,
         plan: &Plan,
         watches: &[Watch],
-    ) -> Option<Self> {
+    ) -> Option<(Self, Option<Choice>)> {
         let at_start = scene.speed.at(0.0);
         if plan.is_linear {
             let speed_hz = at_start.speed_rad_per_s / TAU;
             let zero = vec![0.0; 2 * model.basis.len()];
             let rest = (scene.start == Start::Rest).then_some((&zero[..], &zero[..]));
             let run = LinearRun::new(model, speed_hz, watches, plan.rate_hz, rest)?;
-            return Some(Self::Linear(Box::new(run)));
+            return Some((Self::Linear(Box::new(run)), None));
         }
-        let step_s = 1.0 / (plan.rate_hz * f64::from(plan.steps_per_sample));
+        let begin = Begin { scene, model, watches, plan };
         if scene.start == Start::Rest {
-            return Some(Self::stepping(model, watches, step_s, 0, None));
+            return Some(begin.chosen(0, None));
         }
         let system = LinearSystem::new(model, at_start.speed_rad_per_s);
         let steady = system.steady(model)?;
         if model.seats.is_empty() {
             let state = steady.at(&system, at_start.angle_rad);
-            return Some(Self::stepping(model, watches, step_s, 0, Some(state)));
+            return Some(begin.chosen(0, Some(state)));
         }
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "ten thousands"
-        )]
-        let n_steps = |seconds: f64| (seconds / step_s).round() as usize;
+        #[expect(clippy::cast_possible_truncation, reason = "ten thousands")]
+        let n_samples = |seconds: f64| (seconds * plan.rate_hz).round() as i64;
         let mut relaxed = model.clone();
         for damping in &mut relaxed.damping {
             *damping = damping.max(RUN_IN_DAMPING);
         }
-        let (first, second) = (n_steps(RUN_IN_S.0), n_steps(RUN_IN_S.1));
-        let begin = -i64::try_from(first + second).unwrap_or(0);
-        let from = scene.speed.at(begin as f64 * step_s);
+        let (first, second) = (n_samples(RUN_IN_S.0), n_samples(RUN_IN_S.1));
+        let from = scene.speed.at(-(first + second) as f64 / plan.rate_hz);
         let state = steady.at(&system, from.angle_rad);
-        let mut run_in = Self::stepping(&relaxed, &[], step_s, begin, Some(state));
-        run_in.fill(first, &mut []);
-        let begin = -i64::try_from(second).unwrap_or(0);
-        let mut run = Self::stepping(model, watches, step_s, begin, run_in.state());
-        run.fill(second, &mut vec![Vec::new(); watches.len()]);
-        Some(run)
+        let run_in = Begin { model: &relaxed, watches: &[], ..begin };
+        let mut run_in = run_in.planned(-(first + second), Some(state));
+        run_in.fill(steps(first, plan.steps_per_sample), &mut []);
+        let (mut run, choice) = begin.chosen(-second, run_in.state());
+        let n_steps = choice.map_or(plan.steps_per_sample, |choice| choice.steps_per_sample);
+        run.fill(steps(second, n_steps), &mut vec![Vec::new(); watches.len()]);
+        Some((run, choice))
     }
 
-    /// A motion with contacts or changing speed, in steps of `step_s` from number `first` on, from rest
-    /// or from the state given.
-    fn stepping(
-        model: &Model,
-        watches: &[Watch],
-        step_s: f64,
-        first: i64,
-        state: Option<(Vec<f64>, Vec<f64>)>,
-    ) -> Self {
-        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
-        if let Some(run) = PortRun::new(model, watches, step_s, first, given) {
-            return Self::Ported(Box::new(run));
-        }
-        let run = Run::new(model.clone(), step_s, state).beginning_at(first);
-        Self::Stepped(Box::new(Stepped { run, watches: watches.to_vec() }))
-    }
-
-    fn state(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+    fn state(&self) -> Option<State> {
         match self {
             Self::Linear(run) => Some(run.state()),
             Self::Ported(run) => Some(run.state()),

@@ -1,6 +1,7 @@
 //! A scene in motion: blocks of samples of every channel, without end, in constant memory.
 
 mod engine;
+mod step_choice;
 
 use super::build::{self, Built, Plan};
 use super::model::Model;
@@ -108,7 +109,7 @@ impl Simulation {
     /// What cannot be built: a free shaft, more modes than degrees of freedom, speeds beyond the
     /// modelled band, bearings under which motion grows, no steady motion to begin with.
     pub fn new(scene: &Scene, seed: u64) -> Result<Self, SceneErrors> {
-        let Built { plane, model, plan } = build::build(scene)?;
+        let Built { plane, model, mut plan } = build::build(scene)?;
         let watching = |sensor: &&SceneSensor| sensor.kind != SensorKind::Tacho;
         let watches: Vec<Watch> = scene
             .sensors
@@ -123,7 +124,14 @@ impl Simulation {
                 },
             })
             .collect();
-        let engine = Engine::new(scene, &model, &plan, &watches).ok_or_else(|| no_steady(scene))?;
+        let begun = Engine::new(scene, &model, &plan, &watches);
+        let (engine, choice) = begun.ok_or_else(|| no_steady(scene))?;
+        if let Some(choice) = choice {
+            plan.steps_per_sample = choice.steps_per_sample;
+            plan.cuts_at_contact = choice.cuts_at_contact;
+            plan.expected_error = choice.error;
+            plan.is_error_measured = true;
+        }
         let mut next = 0;
         let channels = scene.sensors.iter().enumerate().map(|(i, sensor)| {
             let watch = (sensor.kind != SensorKind::Tacho).then_some(next);
