@@ -51,8 +51,10 @@ impl Converter {
     #[must_use]
     pub fn count(&self, value: f64) -> i16 {
         let half = f64::from(1_u32 << (self.bits - 1));
+        // Rounded by cutting a positive number off: without a call in a default build.
+        let shifted = (value / self.scale() + (half + 0.5)).clamp(0.0, 2.0 * half - 0.5);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to at most 16 bits")]
-        let count = (value / self.scale()).round().clamp(-half, half - 1.0) as i16;
+        let count = (shifted as i32 - (1_i32 << (self.bits - 1))) as i16;
         count
     }
 }
@@ -63,6 +65,10 @@ pub struct Chain {
     model: SensorModel,
     filter: Vec<Biquad>,
     random: Pcg64Mcg,
+    /// Standard deviation of the noise, unit.
+    deviation: f64,
+    /// Whether samples depend on their time.
+    is_timed: bool,
     n_in: u64,
     n_out: u64,
 }
@@ -125,7 +131,16 @@ impl Chain {
         for _ in 0..16 {
             let _: u64 = random.random();
         }
-        Self { filter: filter.unwrap_or_default(), model, random, n_in: 0, n_out: 0 }
+        Self {
+            filter: filter.unwrap_or_default(),
+            // A one-sided density over the band up to rate/2.
+            deviation: model.noise_density * (0.5 * model.rate_hz).sqrt(),
+            is_timed: model.drift_per_s.abs() > 0.0 || !model.dropouts_s.is_empty(),
+            model,
+            random,
+            n_in: 0,
+            n_out: 0,
+        }
     }
 
     /// Takes a value of the inner rate; every `oversampling`-th, the first included, gives a sample.
@@ -141,16 +156,17 @@ impl Chain {
 
     /// A sample of a value that is already band-limited.
     pub fn sample(&mut self, value: f64) -> f64 {
-        let time_s = self.n_out as f64 / self.model.rate_hz;
-        self.n_out += 1;
-        let noise = if self.model.noise_density > 0.0 {
-            // A one-sided density over the band up to rate/2.
-            self.model.noise_density
-                * (0.5 * self.model.rate_hz).sqrt()
-                * self.random.sample::<f64, _>(StandardNormal)
+        let noise = if self.deviation > 0.0 {
+            self.deviation * self.random.sample::<f64, _>(StandardNormal)
         } else {
             0.0
         };
+        let number = self.n_out;
+        self.n_out += 1;
+        if !self.is_timed {
+            return self.model.rest + value + noise;
+        }
+        let time_s = number as f64 / self.model.rate_hz;
         if self.model.dropouts_s.iter().any(|(from, to)| (*from..*to).contains(&time_s)) {
             return 0.0;
         }

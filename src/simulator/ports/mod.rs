@@ -1,5 +1,5 @@
 //! A rotor at constant speed whose loads depend on its motion at a few ports only: the fast way
-//! (equations R9, R18, R19).
+//! (equations R9, R32, R33).
 //!
 //! All that is linear — shaft, gyroscopic coupling, dampers, unbalance, bow, gravity — is propagated
 //! exactly: the steady motion in closed form, the free motion in coordinates that each turn and

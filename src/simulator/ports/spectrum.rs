@@ -1,4 +1,4 @@
-//! A constant linear system ẏ = A·y in coordinates that do not know of each other (equation R18).
+//! A constant linear system ẏ = A·y in coordinates that do not know of each other (equation R32).
 //!
 //! A·V = V·diag(λ): in s = V⁻¹·y each coordinate turns and decays by itself. Of a conjugate pair one
 //! is kept. Must not know what the system is of.

@@ -1,4 +1,4 @@
-//! The linear maps of one step length (equations R9, R19): how the free motion goes on, and what
+//! The linear maps of one step length (equations R9, R33): how the free motion goes on, and what
 //! forces at the ports add to it and to the displacements of the ports.
 //!
 //! Must not know what makes the forces.

@@ -255,6 +255,7 @@ impl Simulation {
                 Some(watch) => channel.filter(&self.motion[watch]),
                 None => channel.mark((start, n as u64), rate_hz, &self.scene),
             }
+            channel.convert();
         }
         self.n_samples += n as u64;
     }
@@ -321,7 +322,7 @@ impl Channel {
             let value = value * self.sensor.per_si;
             self.furthest = self.furthest.max(value.abs());
             if let Some(sample) = self.chain.push(value) {
-                self.keep(sample);
+                self.doubles.push(sample);
             }
         }
     }
@@ -350,19 +351,23 @@ impl Channel {
     fn sample(&mut self, value: f64) {
         self.furthest = self.furthest.max(value.abs());
         let sample = self.chain.sample(value);
-        self.keep(sample);
+        self.doubles.push(sample);
     }
 
-    fn keep(&mut self, sample: f64) {
+    /// Turns the block's samples into the channel's numbers.
+    fn convert(&mut self) {
         match (self.converter, self.info.number) {
             (Some(converter), _) => {
-                let value = sample - self.info.offset;
-                self.n_clipped += u64::from(value.abs() > converter.range);
-                self.counts.push(converter.count(value));
+                let offset = self.info.offset;
+                let over = |x: &&f64| (**x - offset).abs() > converter.range;
+                self.n_clipped += self.doubles.iter().filter(over).count() as u64;
+                self.counts.extend(self.doubles.iter().map(|x| converter.count(x - offset)));
             }
-            (None, NumberKind::Float64) => self.doubles.push(sample),
+            (None, NumberKind::Float64) => {}
             #[expect(clippy::cast_possible_truncation, reason = "asked for")]
-            (None, NumberKind::Float32 | NumberKind::Int16) => self.singles.push(sample as f32),
+            (None, NumberKind::Float32 | NumberKind::Int16) => {
+                self.singles.extend(self.doubles.iter().map(|x| *x as f32));
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! The step of a motion with contacts, by the error it is measured to make (equation R20).
+//! The step of a motion with contacts, by the error it is measured to make (equation R34).
 //!
 //! The first moments of the scene are run with a step and with its half; what the sensors see of
 //! the difference tells the error, and the largest step that keeps the accuracy asked for is taken.
