@@ -49,15 +49,20 @@ struct Before {
 const SAME_TIME: f64 = 1e-9;
 
 impl Run {
-    /// A run from rest, or from the state given (both planes' coordinates), in steps of `step_s`.
+    /// A run from rest, or from the state given, in steps of `step_s`. Of a state of both planes alone
+    /// the torsion rests under its torque.
     ///
     /// # Panics
     ///
     /// If the state does not have one entry a coordinate.
     #[must_use]
     pub fn new(model: Model, step_s: f64, state: Option<(Vec<f64>, Vec<f64>)>) -> Self {
-        let n = 2 * model.basis.len();
-        let (q, v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        let n = model.n_coordinates();
+        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        if let Some(torsion) = model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
+            q.extend(torsion.rest());
+            v.resize(q.len(), 0.0);
+        }
         assert!(q.len() == n && v.len() == n, "one entry a coordinate");
         Self {
             plan: Etdrk4::new(model.oscillators()),

@@ -225,6 +225,9 @@ impl Simulation {
                 for (seat, new) in running.seats.iter_mut().zip(&model.seats) {
                     seat.contacts = new.contacts.clone();
                 }
+                for (gear, new) in running.gears.iter_mut().zip(&model.gears) {
+                    gear.mesh = new.mesh.clone();
+                }
             }),
         }
         self.model = model;
@@ -332,16 +335,14 @@ fn engine(
     }
     let system = LinearSystem::new(model, at_start.speed_rad_per_s);
     let steady = system.steady(model).ok_or_else(|| no_steady(scene))?;
-    if model.seats.is_empty() {
+    if model.seats.is_empty() && model.gears.is_empty() {
         let state = Some(steady.at(&system, at_start.angle_rad));
         return Ok(Engine::Stepped(Box::new(Run::new(model.clone(), step_s, state))));
     }
     #[expect(clippy::cast_possible_truncation, reason = "some ten thousand")]
     let before = |seconds: f64| -(seconds / step_s).round() as i64;
     let mut relaxed = model.clone();
-    for damping in &mut relaxed.damping {
-        *damping = damping.max(RUN_IN_DAMPING);
-    }
+    relaxed.damp_at_least(RUN_IN_DAMPING);
     let (first, second) = (before(RUN_IN_S.0 + RUN_IN_S.1), before(RUN_IN_S.1));
     let from = scene.speed.at(first as f64 * step_s);
     let state = Some(steady.at(&system, from.angle_rad));
