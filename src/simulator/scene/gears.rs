@@ -29,8 +29,9 @@ const DENSITY: NumberRange = NumberRange::positive_up_to(30_000.0);
 /// Backlash along the line of action unless given, modules.
 const BACKLASH_DEFAULT: f64 = 0.05;
 
-/// Damping of the mesh unless given, of critical damping of the gear's own inertia on it.
-const DAMPING_RATIO_DEFAULT: f64 = 0.05;
+/// Damping of the mesh unless given, of critical damping of the gear's own inertia on it: measured
+/// values lie from 0.03 to 0.17.
+const DAMPING_RATIO_DEFAULT: f64 = 0.1;
 const DAMPING_RATIO: NumberRange = NumberRange::closed(0.0, 2.0);
 const DAMPING: NumberRange = NumberRange::closed(0.0, 1e9);
 
