@@ -272,7 +272,7 @@ impl Model {
         }
     }
 
-    /// Torque, inertia against a rising speed, and the gears.
+    /// Torque, inertia against a rising speed, and the gears (R25, R26).
     fn gear_forces(
         &mut self,
         turning: Turning,

@@ -234,9 +234,10 @@ fn the_curves_are_the_integrals() {
         let faults = [ToothFault { member: Member::Gear, tooth: 0, fault }];
         let mut mesh = Mesh::new(design.clone(), &faults);
         let pairs = Pairs::new(&design);
-        let state = match fault {
-            Fault::Cracked(crack) => ToothState { crack: Some(crack), ..ToothState::default() },
-            _ => ToothState { worn_m: 30e-6, crack: None },
+        let state = if fault == worn {
+            ToothState { worn_m: 30e-6, crack: None }
+        } else {
+            ToothState { worn_m: 0.0, crack: Some(crack) }
         };
         let path = design.path;
         let mut worst = 0.0_f64;
@@ -325,12 +326,13 @@ fn flanks_touch_part_and_touch_behind() {
     let k = mesh.stiffness_n_per_m(0.0);
     assert_eq!(mesh.active_pairs(), [1, 2], "half a pitch ahead, two pairs are behind");
     let drive = mesh.force(0.0, [2e-6, -2e-6], [0.0; 2]);
-    assert!((drive[0] / (2e-6 * k) - 1.0).abs() < 1e-12 && drive[1] == 0.0, "{drive:?}");
+    assert!((drive[0] / (2e-6 * k) - 1.0).abs() < 1e-12 && drive[1].abs() <= 0.0, "{drive:?}");
     assert!(!mesh.has_parted());
-    assert_eq!(mesh.force(0.0, [-50e-6, 50e-6], [0.0; 2]), [0.0, 0.0]);
+    let apart = mesh.force(0.0, [-50e-6, 50e-6], [0.0; 2]);
+    assert!(apart.iter().all(|force| force.abs() <= 0.0), "{apart:?}");
     assert!(mesh.has_parted());
     let back = mesh.force(0.0, [-101e-6, 101e-6], [0.0; 2]);
-    assert!(back[0] == 0.0 && back[1] > 1e-6 * k, "{back:?} {k}");
+    assert!(back[0].abs() <= 0.0 && back[1] > 1e-6 * k, "{back:?} {k}");
 }
 
 #[test]

@@ -111,7 +111,7 @@ fn a_gear_scene_is_the_same_bit_by_bit_and_its_faults_come_and_go() {
     let angle = fault["angle_deg"].as_float().unwrap();
     assert!((angle - 22.0 * 360.0 / 28.0).abs() < 1e-9, "{angle}");
     let mut simulation = Simulation::new(&healthy, 1).unwrap();
-    let mut rms = |simulation: &mut Simulation| {
+    let rms = |simulation: &mut Simulation| {
         let (mut sum, mut n) = (0.0, 0.0);
         let mut take = |channel: usize, samples: Samples<'_>| {
             if let (0, Samples::Int16(list)) = (channel, samples) {
