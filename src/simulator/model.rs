@@ -6,7 +6,7 @@
 
 use super::contact::Contacts;
 use super::etd::{Load, Oscillators};
-use super::mesh::Mesh;
+use super::mesh::{Crossing, Mesh, Moment};
 use super::modes::Basis;
 use super::rotor::Plane;
 use super::speed::{SpeedProfile, Turning};
@@ -255,6 +255,37 @@ impl Model {
         for gear in &mut self.gears {
             gear.mesh.set_side(angle);
         }
+    }
+
+    /// What a gear sees of a state.
+    fn moment(&self, gear: &GearSeat, (time_s, q, v): (f64, &[f64], &[f64])) -> Moment {
+        let n = self.basis.len();
+        let seen = |x: &[f64]| gear.approaches(&x[..n], &x[n..2 * n], &x[2 * n..]);
+        let gear_rad = self.speed.at(time_s).angle_rad;
+        Moment { gear_rad, approach_m: seen(q), rate_m_per_s: seen(v) }
+    }
+
+    /// Keeps the teeth that touch in a state touching, and the others apart, for a step from there.
+    pub fn hold(&mut self, state: (f64, &[f64], &[f64])) {
+        for i in 0..self.gears.len() {
+            let moment = self.moment(&self.gears[i], state);
+            self.gears[i].mesh.hold(&moment);
+        }
+    }
+
+    /// The first pair of teeth that meets or parts between two states, and its gear.
+    #[must_use]
+    pub fn crossing(
+        &self,
+        from: (f64, &[f64], &[f64]),
+        to: (f64, &[f64], &[f64]),
+    ) -> Option<(usize, Crossing)> {
+        let of_gear = |(i, gear): (usize, &GearSeat)| {
+            let (begin, end) = (self.moment(gear, from), self.moment(gear, to));
+            gear.mesh.crossing(&begin, &end, to.0 - from.0).map(|crossing| (i, crossing))
+        };
+        let all = self.gears.iter().enumerate().filter_map(of_gear);
+        all.min_by(|a, b| a.1.part.total_cmp(&b.1.part))
     }
 
     /// Loads that depend on time alone.

@@ -17,6 +17,9 @@ use std::f64::consts::{PI, TAU};
 /// 10 µs; it falls with the fourth power.
 const ERROR_AT_10_US: f64 = 2e-5;
 
+/// The same with gears: the largest of the eight combinations of faults, from rest.
+const ERROR_AT_10_US_GEARS: f64 = 2e-4;
+
 /// Longest and shortest step, s.
 const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
 
@@ -190,7 +193,8 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
     let rate_hz = scene.sensors.iter().map(|sensor| sensor.rate_hz).fold(0.0, f64::max);
     let is_constant = matches!(scene.speed, SpeedProfile::Constant(_));
     let is_linear = is_constant && !scene.has_contacts();
-    let wanted_s = 10e-6 * (scene.accuracy / ERROR_AT_10_US).powf(0.25);
+    let error = if scene.gears.is_empty() { ERROR_AT_10_US } else { ERROR_AT_10_US_GEARS };
+    let wanted_s = 10e-6 * (scene.accuracy / error).powf(0.25);
     let steps = (1.0 / (rate_hz * wanted_s.clamp(STEPS_S.1, STEPS_S.0)) - 1e-9).ceil();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "4 to 200 000")]
     let steps_per_sample = if is_linear { 1 } else { steps.max(LEAST_STEPS) as u32 };
@@ -200,7 +204,7 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
         rate_hz,
         steps_per_sample,
         is_linear,
-        expected_error: if is_linear { 1e-12 } else { ERROR_AT_10_US * (step_s / 10e-6).powi(4) },
+        expected_error: if is_linear { 1e-12 } else { error * (step_s / 10e-6).powi(4) },
         n_modes: modes.len(),
         n_attachments: basis.len() - modes.len(),
         highest_hz: modes.omega_rad_per_s.last().map_or(0.0, hz),

@@ -31,6 +31,28 @@ pub(super) struct Active {
     pair: usize,
     piece: usize,
     gap: Gap,
+    /// Whether it touches; `None`: wherever its gap is closed.
+    touches: Option<bool>,
+}
+
+/// Angle of the gear, rad, and approach and its rate of both flanks, m and m/s, at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// Angle of the gear, rad.
+    pub gear_rad: f64,
+    /// Approach of the drive and the back flanks, without the backlash, m.
+    pub approach_m: [f64; 2],
+    /// Their rates, m/s.
+    pub rate_m_per_s: [f64; 2],
+}
+
+/// A pair that meets or parts inside a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crossing {
+    /// When, as a part of the step.
+    pub part: f64,
+    flank: usize,
+    index: usize,
 }
 
 impl Mesh {
@@ -129,12 +151,27 @@ impl Mesh {
                     let at = if flank == 0 { s } else { -s };
                     let piece = self.pairs[pair].stiffness[flank].piece(at);
                     let gap = self.pairs[pair].gap[flank];
-                    active.push(Active { pitch_point_rad, pair, piece, gap });
+                    active.push(Active { pitch_point_rad, pair, piece, gap, touches: None });
                 }
                 n += 1.0;
             }
             self.active[flank] = active;
         }
+    }
+
+    /// By how much the gap of a pair is closed, m, and where on the path it is.
+    fn closed(
+        &self,
+        (flank, active): (usize, &Active),
+        gear_rad: f64,
+        approach_m: f64,
+    ) -> (f64, f64) {
+        let path = self.design.path;
+        let s = self.base_m * (gear_rad - active.pitch_point_rad);
+        let at = if flank == 0 { s } else { -s };
+        let xi = (2.0 * at - path.begin_m - path.end_m) / (path.end_m - path.begin_m);
+        let play = if flank == 0 { 0.0 } else { self.design.backlash_m };
+        (approach_m - play - active.gap.at(xi), at)
     }
 
     /// Force of the drive and of the back flanks, N, each pushing its flanks apart, for their
@@ -146,32 +183,72 @@ impl Mesh {
         rate_m_per_s: [f64; 2],
     ) -> [f64; 2] {
         let mut forces = [0.0; 2];
-        let path = self.design.path;
         for flank in self.flanks() {
-            let approach =
-                approach_m[flank] - if flank == 0 { 0.0 } else { self.design.backlash_m };
-            let (mut force, mut deepest) = (0.0, 0.0_f64);
+            let (mut force, mut touch) = (0.0, false);
             for active in &self.active[flank] {
-                let s = self.base_m * (gear_rad - active.pitch_point_rad);
-                let at = if flank == 0 { s } else { -s };
-                let xi = (2.0 * at - path.begin_m - path.end_m) / (path.end_m - path.begin_m);
-                let closed = approach - active.gap.at(xi);
-                if closed > 0.0 {
+                let (closed, at) = self.closed((flank, active), gear_rad, approach_m[flank]);
+                if active.touches.unwrap_or(closed > 0.0) {
                     force += closed * self.pairs[active.pair].stiffness[flank].at(active.piece, at);
-                    deepest = deepest.max(closed);
+                    touch = true;
                 }
             }
-            if deepest > 0.0 {
-                let part = (deepest / self.design.damping_onset_m).min(1.0);
-                let set_in = part * part * (3.0 - 2.0 * part);
-                force += set_in * self.design.damping_n_s_per_m * rate_m_per_s[flank];
-            } else if flank == 0 {
-                self.has_parted = true;
+            if touch {
+                force += self.design.damping_n_s_per_m * rate_m_per_s[flank];
             }
+            self.has_parted |= flank == 0 && !touch;
             forces[flank] = force;
             self.peak_force_n = self.peak_force_n.max(force);
         }
         forces
+    }
+
+    /// Keeps the pairs that touch at a moment touching, and the others apart, up to the next
+    /// [`Mesh::set_side`] or [`Mesh::cross`]: the force is then smooth in all its arguments.
+    pub fn hold(&mut self, moment: &Moment) {
+        for flank in self.flanks() {
+            for i in 0..self.active[flank].len() {
+                let pair = (flank, &self.active[flank][i]);
+                let (closed, _) = self.closed(pair, moment.gear_rad, moment.approach_m[flank]);
+                self.active[flank][i].touches = Some(closed > 0.0);
+            }
+        }
+    }
+
+    /// The first pair that meets or parts in a step of `step_s`, though [`Mesh::hold`] kept it, by the
+    /// cubic through both ends.
+    #[must_use]
+    pub fn crossing(&self, from: &Moment, to: &Moment, step_s: f64) -> Option<Crossing> {
+        let mut first: Option<Crossing> = None;
+        for flank in self.flanks() {
+            for (index, active) in self.active[flank].iter().enumerate() {
+                let at =
+                    |m: &Moment| self.closed((flank, active), m.gear_rad, m.approach_m[flank]).0;
+                let (x0, x1) = (at(from), at(to));
+                if active.touches.is_none_or(|touches| touches == (x1 > 0.0)) {
+                    continue;
+                }
+                // What the gap itself changes is even over a step.
+                let gap = (x1 - x0) - (to.approach_m[flank] - from.approach_m[flank]);
+                let ends = [
+                    x0,
+                    step_s * from.rate_m_per_s[flank] + gap,
+                    x1,
+                    step_s * to.rate_m_per_s[flank] + gap,
+                ];
+                let part = root(ends);
+                if first.is_none_or(|known| part < known.part) {
+                    first = Some(Crossing { part, flank, index });
+                }
+            }
+        }
+        first
+    }
+
+    /// Lets the pair of a crossing part if it touches, or touch.
+    pub fn cross(&mut self, crossing: Crossing) {
+        if let Some(active) = self.active[crossing.flank].get_mut(crossing.index) {
+            active.touches = active.touches.map(|touches| !touches);
+        }
     }
 
     /// Stiffness of all pairs in contact on the drive flanks, were they pressed together, N/m, by
@@ -224,6 +301,24 @@ fn conditions(faults: &[ToothFault], member: Member, teeth: u32) -> (Vec<Conditi
         of_tooth.push(known);
     }
     (list, of_tooth)
+}
+
+/// Where between 0 and 1 the cubic of these ends (value, slope, value, slope) passes zero; 0 if both
+/// ends lie on one side.
+fn root([x0, v0, x1, v1]: [f64; 4]) -> f64 {
+    let at = |t: f64| {
+        let (r, t2) = (1.0 - t, t * t);
+        (1.0 + 2.0 * t) * r * r * x0 + t * r * r * v0 + t2 * (3.0 - 2.0 * t) * x1 - t2 * r * v1
+    };
+    if (x0 > 0.0) == (x1 > 0.0) {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..52 {
+        let middle = 0.5 * (low + high);
+        if (at(middle) > 0.0) == (x0 > 0.0) { low = middle } else { high = middle }
+    }
+    high
 }
 
 /// Calls `take` for every mark + n·period between two angles, the first excluded, in either sense.

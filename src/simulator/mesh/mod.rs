@@ -11,7 +11,7 @@ mod pair;
 mod quadrature;
 mod tooth;
 
-pub use element::Mesh;
+pub use element::{Crossing, Mesh, Moment};
 pub use gear::{GearShape, Path};
 pub use pair::{Fault, Flank, Member, MeshDesign, ToothFault, design_error};
 pub use tooth::{Compliance, Crack, Root, Steel, ToothModel, ToothState};

@@ -21,8 +21,6 @@ pub struct MeshDesign {
     pub backlash_m: f64,
     /// Damping of a flank in contact, N·s/m.
     pub damping_n_s_per_m: f64,
-    /// Approach from which on the damping acts in full, m: it sets in smoothly.
-    pub damping_onset_m: f64,
     /// Angle of the gear at which its first tooth is at the pitch point, rad.
     pub first_tooth_rad: f64,
 }

@@ -28,7 +28,6 @@ pub(in crate::simulator) fn design(
         path: gear.path(&mate),
         backlash_m: 100e-6,
         damping_n_s_per_m: 0.0,
-        damping_onset_m: 1e-9,
         first_tooth_rad: 0.0,
     }
 }

@@ -35,9 +35,6 @@ const DAMPING_RATIO_DEFAULT: f64 = 0.1;
 const DAMPING_RATIO: NumberRange = NumberRange::closed(0.0, 2.0);
 const DAMPING: NumberRange = NumberRange::closed(0.0, 1e9);
 
-/// Approach at which the damping acts in full: of that under the mean force, and at least, m.
-const ONSET: (f64, f64) = (0.1, 10e-9);
-
 /// Torques, N·m.
 const TORQUE: NumberRange = NumberRange::closed(-1e7, 1e7);
 
@@ -88,7 +85,6 @@ pub(super) fn read(
         path,
         backlash_m: backlash.unwrap_or(BACKLASH_DEFAULT * gear.module_m),
         damping_n_s_per_m: damping.unwrap_or(0.0),
-        damping_onset_m: ONSET.1,
         first_tooth_rad: first_tooth?,
     };
     let faults = faults.into_iter().collect::<Option<Vec<_>>>()?;
@@ -107,8 +103,6 @@ pub(super) fn read(
         let part = ratio_of_damping.unwrap_or(DAMPING_RATIO_DEFAULT);
         design.damping_n_s_per_m = 2.0 * part * (mean * mass_kg).sqrt();
     }
-    let force_n = torque_n_m.abs() / gear.base_radius_m();
-    design.damping_onset_m = ONSET.1.max(ONSET.0 * force_n / mean);
     Some(SceneGear {
         id: id?.to_owned(),
         at_m: at_m?,
