@@ -92,7 +92,13 @@ fn each_fault_shows_in_its_own_signal_in_all_eight_combinations() {
         } else {
             assert!(ratio < 3.0, "{name}: {ratio}");
         }
-        assert!(lines.mesh > 10.0 * lines.beside_mesh || name.starts_with("BG"), "{name}");
+        // The noise of 2 s is some 1.2e-3 m/s² a bin, and twice that at times.
+        assert!(
+            lines.mesh > 5.0 * lines.beside_mesh,
+            "{name}: {} {}",
+            lines.mesh,
+            lines.beside_mesh
+        );
         let is_localised = lines.localised > 10.0;
         assert_eq!(is_localised, name.starts_with("BG"), "{name}: {}", lines.localised);
     }
