@@ -37,13 +37,15 @@ use std::process::ExitCode;
 pub const EXAMPLES: &str = "\
 Examples:
   rotorwatch simulate seed-bearing-40hz --out bad.h5
+  rotorwatch simulate BG_BS_BB --seed 2 --out all.h5
   rotorwatch simulate seed-bearing-40hz-0 --out healthy.h5 --seed 7
   rotorwatch simulate --explain my-rig.toml
   rotorwatch diagnose bad.h5
 
-SCENE is a scene file (docs/simulator.md) or a built-in scene: seed-bearing-40hz (which is -3),
-seed-bearing-40hz-0 to -3 (the damaged bearings of the source, 0 is healthy), seed-bow-2hz. Same scene
-and same seed give the same capture, bit by bit.
+SCENE is a scene file (docs/simulator.md) or a built-in scene: GG_GS_GB to BG_BS_BB (gear, shaft, bearing
+good or bad, 10 Hz), seed-bearing-40hz (which is -3), seed-bearing-40hz-0 to -3 (the damaged bearings of
+the source, 0 is healthy), seed-bow-2hz, seed-gear-10hz, run-up. Same scene and same seed give the same
+capture, bit by bit.
 
 Exit codes: 0 done; 2 the scene has mistakes or the capture could not be written.";
 
@@ -161,6 +163,10 @@ fn machine(scene: &Scene, name: &str) -> Result<Option<String>, SimulateError> {
     match &scene.machine {
         None => Ok(None),
         Some(MachineText::Inline(text)) => Ok(Some(text.clone())),
+        // A built-in scene names one of the machine files beside it.
+        Some(MachineText::File(file)) if !Path::new(name).exists() => {
+            Ok(builtin::machine(file).map(str::to_owned))
+        }
         Some(MachineText::File(file)) => {
             let path = Path::new(name).parent().unwrap_or(Path::new("")).join(file);
             let text = read(&path)?;

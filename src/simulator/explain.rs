@@ -1,9 +1,11 @@
 //! What a simulation models, what it leaves out and why, in words.
 
 use super::build::{self, Plan};
-use super::scene::{BearingKind, Scene, Start};
+use super::mesh::Root;
+use super::scene::{BearingKind, Scene, SceneGear, Start};
 use super::simulation::Simulation;
 use super::speed::SpeedProfile;
+use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Describes a simulation for people: one statement a line.
@@ -58,6 +60,9 @@ fn modelled(scene: &Scene, plan: &Plan) -> Vec<String> {
             BearingKind::Linear { .. } => format!("bearing {}: linear", bearing.id),
         });
     }
+    for gear in &scene.gears {
+        lines.extend(meshing(scene, plan, gear));
+    }
     if plan.has_gyroscopic {
         lines.push(format!(
             "gyroscopic coupling (shifts a frequency by up to {:.1e} of it)",
@@ -73,16 +78,66 @@ fn modelled(scene: &Scene, plan: &Plan) -> Vec<String> {
     lines
 }
 
+fn meshing(scene: &Scene, plan: &Plan, gear: &SceneGear) -> Vec<String> {
+    let design = &gear.design;
+    let (foundation, root) = (
+        if design.model.foundation { "with" } else { "without" },
+        if design.model.root == Root::RootCircle { "root circle" } else { "base circle" },
+    );
+    let (ratio, teeth) = (design.path.contact_ratio(), design.gear.z());
+    let per_turn = 4.0 * teeth;
+    let fastest_hz = scene.speed.fastest_rad_per_s() / TAU;
+    vec![
+        format!(
+            "gear {}: {} teeth on {}, module {:.4} mm, contact ratio {ratio:.4} ({:.1} % of the time two pairs or \
+             more), mean stiffness {:.4e} N/m (teeth held at the {root}, {foundation} foundation), damping {:.1} N·s/m, \
+             backlash {:.1} µm, {} faults of teeth",
+            gear.id,
+            design.gear.teeth,
+            design.mate.teeth,
+            1e3 * design.gear.module_m,
+            100.0 * (ratio - 1.0).clamp(0.0, 1.0),
+            gear.mean_stiffness_n_per_m,
+            design.damping_n_s_per_m,
+            1e6 * design.backlash_m,
+            gear.faults.len()
+        ),
+        format!(
+            "its mate turns as the speed says; torque {} N·m, mean mesh force {:.2} N; {per_turn:.0} events a turn where \
+             pairs meet and part, {:.0} a second",
+            gear.torque_n_m,
+            gear.torque_n_m.abs() / design.gear.base_radius_m(),
+            per_turn * fastest_hz
+        ),
+        format!(
+            "torsion: {} ({} shapes, lowest {:.1} Hz with the mesh in them)",
+            if gear.is_rigid { "the shaft turns as a whole" } else { "a rod with discs" },
+            plan.n_torsion,
+            plan.torsion_hz
+        ),
+    ]
+}
+
 fn left_out(scene: &Scene, plan: &Plan) -> Vec<String> {
-    let mut lines =
-        vec!["gear meshes, torsion, axial motion, housing: not part of this model".to_owned()];
+    let mut lines = vec!["axial motion, housing: not part of this model".to_owned()];
+    if scene.gears.is_empty() {
+        lines.push(
+            "gear mesh: no gear; torsion: without a mesh nothing turns the shaft unevenly"
+                .to_owned(),
+        );
+    } else {
+        lines.push(
+            "torsion in the angle at which balls, unbalance and teeth stand: it is some 1e-5 rad"
+                .to_owned(),
+        );
+    }
     if !plan.has_gyroscopic {
         lines.push(format!(
             "gyroscopic coupling: it would shift a frequency by at most {:.1e} of it, below a tenth of the accuracy",
             plan.gyroscopic_effect
         ));
     }
-    if !scene.has_contacts() {
+    if scene.ball_bearings().next().is_none() {
         lines.push("contacts: no ball bearing".to_owned());
     }
     if scene.gravity_rad.is_none() {
@@ -114,7 +169,8 @@ fn computed(plan: &Plan) -> String {
         "by the error measured on set A (docs/simulator.md)"
     };
     format!(
-        "in steps of {:.3} µs ({} a sample at {} Hz), cut at every edge of a defect{cuts}; expected relative error \
+        "in steps of {:.3} µs ({} a sample at {} Hz), cut at every edge of a defect, change of tooth \
+         pairs and loss of contact between teeth{cuts}; expected relative error \
          of what sensors see {:.1e}, {by}",
         1e6 * plan.step_s(),
         plan.steps_per_sample,

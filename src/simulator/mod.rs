@@ -12,10 +12,12 @@
 pub mod hertz;
 pub mod beam;
 pub mod rotor;
+pub mod torsion;
 pub mod modes;
 pub mod speed;
 pub mod etd;
 pub mod contact;
+pub mod mesh;
 pub mod model;
 pub mod run;
 pub mod sensor;

@@ -92,6 +92,19 @@ impl SpeedProfile {
         }
     }
 
+    /// The first time between two, both excluded, at which the speed passes zero inside a straight
+    /// line of the profile.
+    #[must_use]
+    pub fn reversal(&self, after_s: f64, before_s: f64) -> Option<f64> {
+        let Self::Table(points) = self else { return None };
+        let zero = |pair: &[(f64, f64)]| {
+            let ((from_s, from_hz), (to_s, to_hz)) = (pair[0], pair[1]);
+            let crosses = (from_hz < 0.0) != (to_hz < 0.0);
+            crosses.then(|| from_s + (to_s - from_s) * from_hz / (from_hz - to_hz))
+        };
+        points.windows(2).filter_map(zero).find(|t| *t > after_s && *t < before_s)
+    }
+
     /// Fastest speed, rad/s, without sign.
     #[must_use]
     pub fn fastest_rad_per_s(&self) -> f64 {
@@ -124,6 +137,17 @@ mod tests {
             assert!((end - sum).abs() < 1e-8, "{t}: {end} {sum}");
         }
         assert!((profile.at(1.0).acceleration_rad_per_s2 - TAU * 20.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_reversal_is_found_once() {
+        let profile = SpeedProfile::Table(vec![(0.5, 10.0), (1.5, -30.0), (2.0, 10.0)]);
+        let first = profile.reversal(0.0, 3.0).unwrap();
+        assert!((first - 0.75).abs() < 1e-15 && profile.at(first).speed_rad_per_s.abs() < 1e-12);
+        let second = profile.reversal(first, 3.0).unwrap();
+        assert!((second - 1.875).abs() < 1e-15, "{second}");
+        assert_eq!(profile.reversal(second, 3.0), None);
+        assert_eq!(SpeedProfile::Constant(-1.0).reversal(0.0, 1.0), None);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! From a scene to a model: what is chosen automatically, and what is refused.
 
+mod gears;
+
 use super::contact::{Contacts, Defect, Profile};
 use super::linear::LinearSystem;
 use super::model::{LinearSeat, Model, Seat, Turned};
@@ -14,6 +16,9 @@ use std::f64::consts::{PI, TAU};
 /// Errors of the integrator, measured on the rig with a step defect (set A, bearing 3): at steps of
 /// 10 µs; it falls with the fourth power.
 const ERROR_AT_10_US: f64 = 2e-5;
+
+/// The same with gears: the largest of the eight combinations of faults, from rest.
+const ERROR_AT_10_US_GEARS: f64 = 2e-4;
 
 /// Longest and shortest step, s.
 const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
@@ -68,6 +73,10 @@ pub struct Plan {
     pub gyroscopic_effect: f64,
     /// Whether it is modelled.
     pub has_gyroscopic: bool,
+    /// Shapes of the torsion; 0: left out.
+    pub n_torsion: usize,
+    /// Lowest frequency of the torsion on the mesh, Hz.
+    pub torsion_hz: f64,
 }
 
 impl Plan {
@@ -91,14 +100,18 @@ pub(super) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     let n_spans = rotor(scene, 1).assemble().nodes_m.len() - 1;
     let chosen = u32::try_from(ELEMENTS.div_ceil(n_spans)).unwrap_or(1);
     let mut elements = scene.modes.elements_per_span.unwrap_or(chosen);
-    let mut plane = rotor(scene, elements).assemble();
+    let mut rotor_of_it = rotor(scene, elements);
+    let mut plane = rotor_of_it.assemble();
     let n_modes = choose_modes(scene, &plane)?;
     while scene.modes.elements_per_span.is_none() && plane.n_dof() < DOF_PER_MODE * n_modes {
         elements *= 2;
-        plane = rotor(scene, elements).assemble();
+        rotor_of_it = rotor(scene, elements);
+        plane = rotor_of_it.assemble();
     }
     let stations: Vec<usize> = if scene.modes.attachment {
-        scene.bearings.iter().map(|bearing| plane.displacement_at(bearing.at_m)).collect()
+        let bearings = scene.bearings.iter().map(|bearing| bearing.at_m);
+        let places = bearings.chain(scene.gears.iter().map(|gear| gear.at_m));
+        places.map(|at_m| plane.displacement_at(at_m)).collect()
     } else {
         Vec::new()
     };
@@ -114,6 +127,11 @@ pub(super) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     }
     load(scene, &plane, &mut model);
     seat(scene, &plane, &mut model);
+    gears::seat(scene, &rotor_of_it, &plane, &mut model)?;
+    if let Some(torsion) = &model.torsion {
+        plan.n_torsion = torsion.len();
+        plan.torsion_hz = torsion.basis.omega_rad_per_s[0] / TAU;
+    }
     let mut built = Built { plane, model, plan };
     set_faults(scene, &built.plane, &mut built.model, &scene.faults())?;
     check_stability(scene, &built.model)?;
@@ -125,6 +143,7 @@ fn rotor(scene: &Scene, elements_per_span: u32) -> Rotor {
     let mut stations_m: Vec<f64> = scene.unbalances.iter().map(|u| u.at_m).collect();
     let watching = scene.sensors.iter().filter(|sensor| sensor.kind != SensorKind::Tacho);
     stations_m.extend(watching.map(|sensor| sensor.at_m));
+    stations_m.extend(scene.gears.iter().flat_map(|gear| [gear.at_m, gear.torque_at_m]));
     if let Some(Bow { shape: BowShape::Points(points), .. }) = &scene.bow {
         stations_m.extend(points.iter().map(|(at_m, _)| *at_m));
     }
@@ -136,7 +155,12 @@ fn rotor(scene: &Scene, elements_per_span: u32) -> Rotor {
     Rotor {
         section: scene.section,
         length_m: scene.length_m,
-        discs: scene.discs.iter().map(|disc| disc.disc).collect(),
+        discs: scene
+            .discs
+            .iter()
+            .map(|disc| disc.disc)
+            .chain(scene.gears.iter().map(|gear| gear.disc))
+            .collect(),
         supports: scene.bearings.iter().map(support).collect(),
         stations_m,
         elements_per_span,
@@ -181,7 +205,8 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
     let rate_hz = scene.sensors.iter().map(|sensor| sensor.rate_hz).fold(0.0, f64::max);
     let is_constant = matches!(scene.speed, SpeedProfile::Constant(_));
     let is_linear = is_constant && !scene.has_contacts();
-    let wanted_s = 10e-6 * (scene.accuracy / ERROR_AT_10_US).powf(0.25);
+    let error = if scene.gears.is_empty() { ERROR_AT_10_US } else { ERROR_AT_10_US_GEARS };
+    let wanted_s = 10e-6 * (scene.accuracy / error).powf(0.25);
     let steps = (1.0 / (rate_hz * wanted_s.clamp(STEPS_S.1, STEPS_S.0)) - 1e-9).ceil();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "4 to 200 000")]
     let steps_per_sample = if is_linear { 1 } else { steps.max(LEAST_STEPS) as u32 };
@@ -191,7 +216,7 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
         rate_hz,
         steps_per_sample,
         is_linear,
-        expected_error: if is_linear { 1e-12 } else { ERROR_AT_10_US * (step_s / 10e-6).powi(4) },
+        expected_error: if is_linear { 1e-12 } else { error * (step_s / 10e-6).powi(4) },
         is_error_measured: false,
         cuts_at_contact: false,
         n_modes: modes.len(),
@@ -201,6 +226,8 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
         n_dof: plane.n_dof(),
         gyroscopic_effect: 0.0,
         has_gyroscopic: true,
+        n_torsion: 0,
+        torsion_hz: 0.0,
     }
 }
 
@@ -270,6 +297,7 @@ pub(super) fn set_faults(
         let defects: Vec<SceneDefect> = of_this.map(|(_, defect)| *defect).collect();
         seat.contacts = Contacts::new(ball.with_defects(&defects));
     }
+    gears::set_faults(scene, model, faults)?;
     model.bow = Turned::none(model.basis.len());
     if let Some(bow) = &faults.bow {
         let shape = bow_shape(scene, plane, bow)
@@ -346,13 +374,14 @@ impl SceneBall {
     }
 }
 
-/// Refuses speeds whose ball passes lie beyond what the modes can follow.
+/// Refuses speeds whose ball passes or meshing teeth lie beyond what the modes can follow.
 fn check_band(scene: &Scene, plan: &Plan) -> Result<(), SceneErrors> {
     let of_bearing = |bearing: &SceneBearing| match &bearing.kind {
         BearingKind::Ball(ball) => f64::from(ball.bearing.balls) * (1.0 - ball.bearing.cage_ratio),
         BearingKind::Linear { .. } => 1.0,
     };
-    let order = scene.bearings.iter().map(of_bearing).fold(1.0, f64::max);
+    let of_teeth = scene.gears.iter().map(|gear| gear.design.gear.z());
+    let order = scene.bearings.iter().map(of_bearing).chain(of_teeth).fold(1.0, f64::max);
     let fastest_hz = scene.speed.fastest_rad_per_s() / TAU;
     if order * fastest_hz <= plan.highest_hz {
         return Ok(());

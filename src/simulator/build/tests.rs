@@ -105,3 +105,26 @@ fn a_bow_through_points_bends_as_the_free_shaft_would() {
         assert!((slope - rise).abs() < 6e-5, "{node}: {slope} {rise}");
     }
 }
+
+#[test]
+fn a_gear_brings_torsion_and_its_place_a_shape() {
+    let built = build(&scene("GG_GS_GB")).unwrap();
+    let (plan, model) = (&built.plan, &built.model);
+    assert_eq!(plan.n_attachments, 3);
+    assert!(!plan.is_linear && plan.n_torsion == model.torsion.as_ref().unwrap().len());
+    // The mesh holds the gear, 1 mm of approach a mean stiffness of force: the static shape sees to it.
+    let gear = &model.gears[0];
+    let omega = &model.torsion.as_ref().unwrap().basis.omega_rad_per_s;
+    let rest = model.torsion.as_ref().unwrap().rest();
+    let approach: f64 = -gear.turn.iter().zip(&rest).map(|(a, b)| a * b).sum::<f64>();
+    let base_m = scene("GG_GS_GB").gears[0].design.gear.base_radius_m();
+    let expected = 2.0 / base_m / gear.held_n_per_m;
+    assert!((approach / expected - 1.0).abs() < 1e-9, "{approach} {expected}");
+    assert!(omega[0] > 0.0 && omega.windows(2).all(|pair| pair[0] <= pair[1]));
+    let rigid =
+        changed("GG_GS_GB", "torque_nm = 2.0", "torsion = \"rigid\"\ntorque_nm = 2.0").unwrap();
+    assert_eq!(rigid.plan.n_torsion, 1);
+    assert!(rigid.plan.torsion_hz > plan.torsion_hz);
+    let none = build(&scene("run-up")).unwrap();
+    assert!(none.model.torsion.is_none() && none.plan.n_torsion == 0);
+}

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 
 /// The system ẏ = A·y + b + Re(c·e^{iφ}), φ = Ω·t, of a model at constant speed.
 ///
-/// Ball bearings are taken as the supports that are in the basis.
+/// Ball bearings are taken as the supports that are in the basis; gears and torsion are left out.
 #[derive(Debug, Clone)]
 pub struct LinearSystem {
     matrix: DMatrix<f64>,
@@ -35,6 +35,8 @@ impl LinearSystem {
         let n = model.basis.len();
         let mut bare = model.clone();
         bare.seats.clear();
+        bare.gears.clear();
+        bare.torsion = None;
         (bare.unbalance, bare.bow) = (Turned::none(n), Turned::none(n));
         bare.constant = [vec![0.0; n], vec![0.0; n]];
         bare.speed = super::speed::SpeedProfile::Constant(speed_rad_per_s / TAU);

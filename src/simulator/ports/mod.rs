@@ -174,6 +174,9 @@ impl PortRun {
         stiffness_n_per_m: &[[[f64; 2]; 2]],
     ) -> Option<Self> {
         let speed_rad_per_s = model.speed.constant_rad_per_s()?;
+        if !model.gears.is_empty() || model.torsion.is_some() {
+            return None;
+        }
         let linear = linearised(model, stiffness_n_per_m);
         let system = LinearSystem::new(&linear, speed_rad_per_s);
         let steady = system.steady(model)?;

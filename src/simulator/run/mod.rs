@@ -33,6 +33,8 @@ pub struct Run {
     q: Vec<f64>,
     v: Vec<f64>,
     start: Before,
+    /// The state before a trial.
+    before: Before,
     angles: Vec<f64>,
     cuts_s: Vec<f64>,
 }
@@ -48,16 +50,24 @@ struct Before {
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
 
+/// Most times teeth may meet or part between two edges; beyond, the step is taken as it is.
+const MOST_CROSSINGS: u32 = 32;
+
 impl Run {
-    /// A run from rest, or from the state given (both planes' coordinates), in steps of `step_s`.
+    /// A run from rest, or from the state given, in steps of `step_s`. Of a state of both planes alone
+    /// the torsion rests under its torque.
     ///
     /// # Panics
     ///
     /// If the state does not have one entry a coordinate.
     #[must_use]
     pub fn new(model: Model, step_s: f64, state: Option<(Vec<f64>, Vec<f64>)>) -> Self {
-        let n = 2 * model.basis.len();
-        let (q, v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        let n = model.n_coordinates();
+        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        if let Some(torsion) = model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
+            q.extend(torsion.rest());
+            v.resize(q.len(), 0.0);
+        }
         assert!(q.len() == n && v.len() == n, "one entry a coordinate");
         Self {
             plan: Etdrk4::new(model.oscillators()),
@@ -65,6 +75,7 @@ impl Run {
             step_s,
             n_steps: 0,
             start: Before { q: q.clone(), v: v.clone(), force: vec![0.0; n] },
+            before: Before { q: q.clone(), v: v.clone(), force: Vec::new() },
             q,
             v,
             angles: Vec::new(),
@@ -111,17 +122,47 @@ impl Run {
                 continue;
             }
             self.model.set_side(at_s + 0.5 * length_s);
-            self.plan.step(&mut self.model, at_s, length_s, &mut self.q, &mut self.v);
-            if first {
-                self.start.force.copy_from_slice(self.plan.start_force());
-                first = false;
-            }
+            self.smooth(at_s, length_s, first);
+            first = false;
             at_s = cut_s;
             if last {
                 break;
             }
         }
         self.cuts_s = cuts_s;
+    }
+
+    /// A step without an edge that is known beforehand, cut where teeth meet or part.
+    fn smooth(&mut self, from_s: f64, length_s: f64, mut is_first: bool) {
+        let shortest_s = SAME_TIME * self.step_s;
+        let (mut at_s, mut left_s) = (from_s, length_s);
+        self.model.hold((at_s, &self.q, &self.v));
+        for _ in 0..MOST_CROSSINGS {
+            self.before.q.copy_from_slice(&self.q);
+            self.before.v.copy_from_slice(&self.v);
+            self.plan.step(&mut self.model, at_s, left_s, &mut self.q, &mut self.v);
+            if is_first {
+                self.start.force.copy_from_slice(self.plan.start_force());
+            }
+            let before = (at_s, &self.before.q[..], &self.before.v[..]);
+            let after = (at_s + left_s, &self.q[..], &self.v[..]);
+            let Some((gear, crossing)) = self.model.crossing(before, after) else { return };
+            let part_s = crossing.part * left_s;
+            if left_s - part_s <= shortest_s {
+                // The next step begins with what touches then.
+                return;
+            }
+            self.q.copy_from_slice(&self.before.q);
+            self.v.copy_from_slice(&self.before.v);
+            if part_s > shortest_s {
+                self.plan.step(&mut self.model, at_s, part_s, &mut self.q, &mut self.v);
+                is_first = false;
+                at_s += part_s;
+                left_s -= part_s;
+            }
+            self.model.gears[gear].mesh.cross(crossing);
+        }
+        self.plan.step(&mut self.model, at_s, left_s, &mut self.q, &mut self.v);
     }
 
     /// What is watched, at the beginning of the last step.
@@ -169,3 +210,6 @@ impl Run {
 
 #[cfg(test)]
 pub(super) mod tests;
+
+#[cfg(test)]
+mod gear_tests;

@@ -2,7 +2,7 @@
 
 use super::lengths::number_or;
 use super::{MAX_TEXT_BYTES, MachineText, ModeChoice, Scene, SceneBearing, SceneErrors, Start};
-use super::{bearings, parts, sensors};
+use super::{bearings, gears, parts, sensors};
 use crate::machine::file;
 use crate::machine::file::errors::Log;
 use crate::machine::file::general::NAME;
@@ -88,6 +88,17 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         .map(|(i, section)| bearings::read(section, ids.get(i), length_m))
         .collect();
     refuse_same_place(&root, &bearings, length_m);
+    let mut sections = root.tables("gear", Need::Optional);
+    let ids = gears::ids(&mut sections);
+    if sections.len() > 1 {
+        root.refuse("gear", "one table [[gear]]: two prescribed mates would fight over the shaft");
+    }
+    sections.iter().for_each(&mut place);
+    let gears: Vec<_> = sections
+        .into_iter()
+        .enumerate()
+        .map(|(i, section)| gears::read(section, ids.get(i), (length_m, bore_m)))
+        .collect();
     let bow = root.table("bow", Need::Optional).map(|section| parts::bow(section, length_m));
     let unbalances: Vec<_> = root
         .tables("unbalance", Need::Optional)
@@ -101,7 +112,6 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
     let known: Vec<_> = bearings.iter().flatten().map(|b| (b.id.clone(), b.at_m)).collect();
     let sensors = sensors::read(&mut root, &known, length_m, &mut place);
     let machine = root.table("machine", Need::Optional).map(read_machine);
-    refuse_gears(&mut root);
     root.finish();
     let modes = transpose(modes)?.unwrap_or(ModeChoice {
         count: None,
@@ -117,6 +127,7 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         length_m,
         discs: discs.into_iter().collect::<Option<_>>()?,
         bearings: bearings.into_iter().collect::<Option<_>>()?,
+        gears: gears.into_iter().collect::<Option<_>>()?,
         bow: transpose(bow)?,
         unbalances: unbalances.into_iter().collect::<Option<_>>()?,
         modes,
@@ -147,13 +158,6 @@ fn refuse_same_place(root: &Section<'_>, bearings: &[Option<SceneBearing>], leng
             let allowed = "bearings at least a thousandth of the shaft's length apart";
             root.log().report(root.at("bearing"), "bearing".to_owned(), found, allowed);
         }
-    }
-}
-
-/// Gear meshes are part of the format, but not of the model yet.
-fn refuse_gears(root: &mut Section<'_>) {
-    if !root.tables("gear", Need::Optional).is_empty() {
-        root.refuse("gear", "no [[gear]]: gear meshes are not simulated yet; leave the table out");
     }
 }
 

@@ -10,6 +10,7 @@ mod lengths;
 mod file;
 mod parts;
 mod bearings;
+mod gears;
 mod sensors;
 mod truth;
 pub mod builtin;
@@ -18,6 +19,7 @@ pub use errors::SceneErrors;
 
 use super::beam::Section;
 use super::contact::{BallBearing, DefectPlace};
+use super::mesh::{MeshDesign, ToothFault};
 use super::rotor::Disc;
 use super::speed::SpeedProfile;
 
@@ -53,6 +55,8 @@ pub struct Scene {
     pub discs: Vec<SceneDisc>,
     /// Bearings, at least two.
     pub bearings: Vec<SceneBearing>,
+    /// Gears, at most one.
+    pub gears: Vec<SceneGear>,
     /// Residual bow.
     pub bow: Option<Bow>,
     /// Unbalances beside those of the discs.
@@ -158,6 +162,40 @@ pub enum ProfileKind {
     RaisedCosine,
     /// The path of the centre of a ball that rolls over the edge.
     Geometric,
+}
+
+/// A gear on the shaft and its mate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneGear {
+    /// Identifier.
+    pub id: String,
+    /// Place along the shaft, m.
+    pub at_m: f64,
+    /// Its body.
+    pub disc: Disc,
+    /// The two gears and their fit, without faults.
+    pub design: MeshDesign,
+    /// Mean stiffness of the healthy mesh, N/m.
+    pub mean_stiffness_n_per_m: f64,
+    /// Direction of the force on the gear by its drive flanks, rad from x towards y.
+    pub line_of_action_rad: f64,
+    /// Load on the shaft, N·m, against forward rotation: it presses the drive flanks together.
+    pub torque_n_m: f64,
+    /// Where the load is, m.
+    pub torque_at_m: f64,
+    /// Whether the shaft turns as a whole on the mesh.
+    pub is_rigid: bool,
+    /// What the mate does.
+    pub mate: SceneMate,
+    /// Faults of teeth.
+    pub faults: Vec<ToothFault>,
+}
+
+/// What the mate of a gear does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SceneMate {
+    /// It turns as the speed profile says, rigid, its centre at rest.
+    Prescribed,
 }
 
 /// A shaft that is bent at rest.
@@ -278,6 +316,8 @@ pub struct Faults {
     pub defects: Vec<(String, SceneDefect)>,
     /// Residual bow.
     pub bow: Option<Bow>,
+    /// Faults of teeth, by the identifier of the gear.
+    pub teeth: Vec<(String, ToothFault)>,
 }
 
 impl Scene {
@@ -299,7 +339,14 @@ impl Scene {
             }
             BearingKind::Linear { .. } => Vec::new(),
         };
-        Faults { defects: self.bearings.iter().flat_map(of).collect(), bow: self.bow.clone() }
+        let of_gear = |gear: &SceneGear| {
+            gear.faults.iter().map(|fault| (gear.id.clone(), *fault)).collect::<Vec<_>>()
+        };
+        Faults {
+            defects: self.bearings.iter().flat_map(of).collect(),
+            bow: self.bow.clone(),
+            teeth: self.gears.iter().flat_map(of_gear).collect(),
+        }
     }
 
     /// The faults, one TOML table each, for the truth of a capture; empty for a healthy machine.
@@ -308,10 +355,11 @@ impl Scene {
         truth::listed(self)
     }
 
-    /// Whether some bearing has balls.
+    /// Whether some bearing has balls, or a gear has teeth.
     #[must_use]
     pub fn has_contacts(&self) -> bool {
-        self.bearings.iter().any(|bearing| matches!(bearing.kind, BearingKind::Ball(_)))
+        let has_balls = |bearing: &SceneBearing| matches!(bearing.kind, BearingKind::Ball(_));
+        !self.gears.is_empty() || self.bearings.iter().any(has_balls)
     }
 
     /// The ball bearings with their identifiers, in the order of the scene.

@@ -69,7 +69,7 @@ pub(super) fn disc(
     })
 }
 
-fn by_inertia(s: &mut Section<'_>, at_m: Option<f64>) -> Option<Disc> {
+pub(super) fn by_inertia(s: &mut Section<'_>, at_m: Option<f64>) -> Option<Disc> {
     let mass_kg = s.number("mass_kg", Need::Required, MASS);
     let diametral = s.number("diametral_kg_m2", Need::Required, MASS);
     let polar = s.number("polar_kg_m2", Need::Required, MASS);

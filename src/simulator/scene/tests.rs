@@ -53,7 +53,7 @@ fn every_built_in_scene_is_right_and_says_its_name() {
         let scene = Scene::parse(builtin::text(name).unwrap(), name).unwrap();
         assert!(scene.name.starts_with(name), "{name}: {}", scene.name);
     }
-    assert_eq!(builtin::text("GG_GS_GB"), None);
+    assert_eq!(builtin::text("seed-bearing-41hz"), None);
 }
 
 #[test]
@@ -120,7 +120,6 @@ fn what_cannot_be_is_refused_with_what_is_allowed() {
         ),
         ("constant_hz = 20.0", "points = [[0.0, 1.0], [0.0, 2.0]]", "times rising"),
         ("constant_hz = 20.0", "", "constant_hz or points"),
-        ("[speed]", "[[gear]]\nteeth = 28\n[speed]", "gear meshes are not simulated yet"),
         ("start = \"rotating\"", "start = \"slowly\"", "\"rest\", \"rotating\""),
     ] {
         let told = mistake(from, to);
@@ -151,4 +150,78 @@ fn a_defect_is_narrower_than_the_space_between_balls() {
     let fault = truth["fault"][0].as_table().unwrap();
     assert_eq!(fault["id"].as_str(), Some("left"));
     assert!((fault["width_m"].as_float().unwrap() - 1e-3).abs() < 1e-15);
+}
+
+/// A gear that fits the small scene.
+const GEAR: &str = "[[gear]]\nid = \"g\"\nat_mm = 480.0\nteeth = 28\nmodule_mm = 2.5\nface_width_mm = 10.0\ntorque_nm = 3.0\n";
+
+#[test]
+fn a_gear_is_read_with_its_faults_and_what_follows_from_it() {
+    let faults = "[[gear.fault]]\nkind = \"cracked\"\ntooth = 8\nmember = \"mate\"\ndepth_mm = 1.0\n\
+                  [[gear.fault]]\nkind = \"pitch_error\"\ntooth = 1\noffset_um = 5.0\n\
+                  [[gear.fault]]\nkind = \"profile_error\"\ntooth = 2\nslope_um = 5.0\n";
+    let text = format!("{SMALL}{GEAR}mate_teeth = 35\ntooth_1_at_deg = 10.0\n{faults}");
+    let scene = Scene::parse(&text, "s").unwrap();
+    assert!(scene.has_contacts());
+    let gear = &scene.gears[0];
+    assert_eq!((gear.design.gear.teeth, gear.design.mate.teeth, gear.faults.len()), (28, 35, 3));
+    // Solid, 70 mm on 16 mm, 10 mm wide.
+    let mass = 7833.4 * std::f64::consts::PI / 4.0 * (0.07_f64.powi(2) - 0.016_f64.powi(2)) * 0.01;
+    assert!((gear.disc.mass_kg / mass - 1.0).abs() < 1e-12);
+    assert!((1.5..1.75).contains(&gear.design.path.contact_ratio()));
+    // Beyond mid-span the load sits at the other end.
+    assert!(gear.torque_at_m.abs() < 1e-15);
+    // A mate with other teeth meets another tooth each turn.
+    assert_eq!(gear.tooth_angle_deg(&gear.faults[0]), None);
+    let second = gear.tooth_angle_deg(&gear.faults[2]).unwrap();
+    assert!((second - 10.0 - 360.0 / 28.0).abs() < 1e-9, "{second}");
+    let truth: toml::Table = scene.truth().parse().unwrap();
+    let listed = truth["fault"].as_array().unwrap();
+    assert_eq!(listed[0]["member"].as_str(), Some("driving"));
+    assert_eq!(listed[1]["kind"].as_str(), Some("pitch_error"));
+    let inch = text.replace("module_mm = 2.5", "diametral_pitch_per_in = 10.16");
+    let inch = Scene::parse(&inch, "s").unwrap();
+    assert!((inch.gears[0].design.gear.module_m - 2.5e-3).abs() < 1e-15);
+}
+
+#[test]
+fn gears_that_cannot_mesh_are_refused() {
+    for (from, to, expected) in [
+        ("teeth = 28", "teeth = 28\ntoth = 1", "found an unknown key"),
+        ("teeth = 28", "teeth = 7", "gear[0].teeth"),
+        ("module_mm = 2.5", "", "either module_mm or diametral_pitch_per_in"),
+        ("torque_nm = 3.0", "", "gear[0].torque_nm"),
+        (
+            "torque_nm = 3.0",
+            "torque_nm = 3.0\ncontact_ratio = 1.9",
+            "that of these gears' geometry",
+        ),
+        ("torque_nm = 3.0", "torque_nm = 3.0\nbore_mm = 50.0", "foundation = false"),
+        (
+            "torque_nm = 3.0",
+            "torque_nm = 3.0\ndamping_ratio = 0.1\ndamping_n_s_per_m = 1.0",
+            "either damping_ratio or damping_n_s_per_m",
+        ),
+        ("torque_nm = 3.0", "torque_nm = 3.0\ndrive = \"loose\"", "\"prescribed\""),
+        (
+            "torque_nm = 3.0",
+            "torque_nm = 3.0\n[[gear.fault]]\nkind = \"missing\"\ntooth = 29",
+            "tooth 29 of a gear with 28 teeth",
+        ),
+        (
+            "torque_nm = 3.0",
+            "torque_nm = 3.0\n[[gear.fault]]\nkind = \"worn\"\ntooth = 2",
+            "a stiffness_factor, or both",
+        ),
+        (
+            "torque_nm = 3.0",
+            "torque_nm = 3.0\n[[gear.fault]]\nkind = \"worn\"\ntooth = 2\ndepth_mm = 4.0",
+            "tooth 2 worn and cracked down to",
+        ),
+    ] {
+        let told = told(&format!("{SMALL}{}", GEAR.replacen(from, to, 1)));
+        assert!(told.contains(expected), "{to}: {told}");
+    }
+    let second = GEAR.replace("\"g\"", "\"h\"");
+    assert!(told(&format!("{SMALL}{GEAR}{second}")).contains("one table [[gear]]"));
 }

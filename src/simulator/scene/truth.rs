@@ -1,7 +1,8 @@
 //! The faults of a scene as text, for the truth of a capture.
 
-use super::{BearingKind, Bow, BowShape, ProfileKind, Scene, SceneBall, SceneDefect};
+use super::{BearingKind, Bow, BowShape, ProfileKind, Scene, SceneBall, SceneDefect, SceneGear};
 use crate::simulator::contact::DefectPlace;
+use crate::simulator::mesh::{Fault, Member, ToothFault};
 
 /// One `[[fault]]` of TOML for each fault.
 pub(super) fn listed(scene: &Scene) -> String {
@@ -13,6 +14,9 @@ pub(super) fn listed(scene: &Scene) -> String {
         }
     }
     text.extend(scene.bow.as_ref().map(bow));
+    for gear in &scene.gears {
+        text.extend(gear.faults.iter().map(|fault| tooth(gear, fault)));
+    }
     text
 }
 
@@ -46,5 +50,33 @@ fn bow(bow: &Bow) -> String {
     format!(
         "[[fault]]\ncomponent = \"shaft\"\nfault = \"bow\"\namplitude_m = {amplitude_m}\nangle_deg = {}\n",
         bow.angle_rad.to_degrees()
+    )
+}
+
+fn tooth(gear: &SceneGear, fault: &ToothFault) -> String {
+    // Under a forward torque the mate drives.
+    let is_driven = (fault.member == Member::Gear) == (gear.torque_n_m >= 0.0);
+    let member = if is_driven { "driven" } else { "driving" };
+    let (kind, sizes) = match fault.fault {
+        Fault::Worn { depth_m, stiffness_factor } => {
+            ("worn", format!("depth_m = {depth_m:?}\nstiffness_factor = {stiffness_factor:?}\n"))
+        }
+        Fault::Cracked(crack) => {
+            let angle = crack.angle_rad.to_degrees();
+            ("cracked", format!("depth_m = {:?}\ncrack_angle_deg = {angle:?}\n", crack.depth_m))
+        }
+        Fault::Missing => ("missing", String::new()),
+        Fault::Profile { slope_m, form_m } => {
+            ("profile_error", format!("slope_m = {slope_m:?}\nform_m = {form_m:?}\n"))
+        }
+        Fault::Pitch { offset_m } => ("pitch_error", format!("offset_m = {offset_m:?}\n")),
+    };
+    let angle = gear.tooth_angle_deg(fault);
+    let angle = angle.map_or(String::new(), |angle| format!("angle_deg = {angle:?}\n"));
+    format!(
+        "[[fault]]\ncomponent = \"gear\"\nid = \"{}\"\nfault = \"tooth_damage\"\nkind = \"{kind}\"\n\
+         member = \"{member}\"\ntooth = {}\n{angle}{sizes}",
+        gear.id,
+        fault.tooth + 1,
     )
 }

@@ -99,16 +99,14 @@ impl Engine {
         }
         let system = LinearSystem::new(model, at_start.speed_rad_per_s);
         let steady = system.steady(model)?;
-        if model.seats.is_empty() {
+        if model.seats.is_empty() && model.gears.is_empty() {
             let state = steady.at(&system, at_start.angle_rad);
             return Some(begin.chosen(0, Some(state)));
         }
         #[expect(clippy::cast_possible_truncation, reason = "ten thousands")]
         let n_samples = |seconds: f64| (seconds * plan.rate_hz).round() as i64;
         let mut relaxed = model.clone();
-        for damping in &mut relaxed.damping {
-            *damping = damping.max(RUN_IN_DAMPING);
-        }
+        relaxed.damp_at_least(RUN_IN_DAMPING);
         let (first, second) = (n_samples(RUN_IN_S.0), n_samples(RUN_IN_S.1));
         let from = scene.speed.at(-(first + second) as f64 / plan.rate_hz);
         let state = steady.at(&system, from.angle_rad);
@@ -160,6 +158,9 @@ impl Engine {
                     running.bow = model.bow.clone();
                     for (seat, new) in running.seats.iter_mut().zip(&model.seats) {
                         seat.contacts = new.contacts.clone();
+                    }
+                    for (gear, new) in running.gears.iter_mut().zip(&model.gears) {
+                        gear.mesh = new.mesh.clone();
                     }
                 });
                 true

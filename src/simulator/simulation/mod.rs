@@ -394,3 +394,6 @@ impl Channel {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod gear_tests;

@@ -98,7 +98,7 @@ fn a_defect_that_comes_while_it_runs_is_heard() {
     assert!(after > 5.0 * before, "{before} {after}");
     let unknown = Faults {
         defects: faults.defects.iter().map(|(_, d)| ("middle".to_owned(), *d)).collect(),
-        bow: None,
+        ..Faults::default()
     };
     let text = simulation.set_faults(&unknown).unwrap_err().to_string();
     assert!(text.contains("the id of a ball bearing: left, right"), "{text}");
