@@ -165,7 +165,7 @@ fn computed(plan: &Plan) -> String {
     let step_us = 1e6 / (plan.rate_hz * f64::from(plan.steps_per_sample));
     format!(
         "in steps of {step_us:.3} µs ({} a sample at {} Hz), cut at every edge of a defect, change of tooth pairs and loss of contact between teeth; expected relative error \
-         of the motion {:.1e}, by the error measured on set A (docs/simulator.md)",
+         of the motion {:.1e}, by the errors measured in the tables (docs/simulator.md)",
         plan.steps_per_sample, plan.rate_hz, plan.expected_error
     )
 }
