@@ -166,7 +166,7 @@ fn computed(plan: &Plan) -> String {
     let by = if plan.is_error_measured {
         "measured on its first 0.05 s against steps of half the length"
     } else {
-        "by the error measured on set A (docs/simulator.md)"
+        "by the errors measured in the tables (docs/simulator.md)"
     };
     format!(
         "in steps of {:.3} µs ({} a sample at {} Hz), cut at every edge of a defect, change of tooth \
