@@ -12,11 +12,13 @@ use std::f64::consts::TAU;
 
 /// The system ẏ = A·y + b + Re(c·e^{iφ}), φ = Ω·t, of a model at constant speed.
 ///
-/// Ball bearings are taken as the supports that are in the basis; gears and torsion are left out.
+/// Ball bearings and gears are taken as what is in the shapes for them.
 #[derive(Debug, Clone)]
 pub struct LinearSystem {
     matrix: DMatrix<f64>,
     omega: Vec<f64>,
+    /// Shapes of a plane.
+    n_plane: usize,
     speed_rad_per_s: f64,
 }
 
@@ -36,13 +38,13 @@ impl LinearSystem {
         let mut bare = model.clone();
         bare.seats.clear();
         bare.gears.clear();
-        bare.torsion = None;
+        bare.torsion.iter_mut().for_each(|torsion| torsion.torque.fill(0.0));
         (bare.unbalance, bare.bow) = (Turned::none(n), Turned::none(n));
         bare.constant = [vec![0.0; n], vec![0.0; n]];
         bare.speed = super::speed::SpeedProfile::Constant(speed_rad_per_s / TAU);
         let oscillators = bare.oscillators();
         let omega = oscillators.omega_rad_per_s.clone();
-        let size = 2 * n;
+        let size = bare.n_coordinates();
         let mut matrix = DMatrix::zeros(2 * size, 2 * size);
         let (mut q, mut v, mut force) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
         for j in 0..size {
@@ -64,7 +66,7 @@ impl LinearSystem {
             matrix[(size + j, size + j)] -= 2.0 * oscillators.damping[j] * omega[j];
             matrix[(j, size + j)] = omega[j];
         }
-        Self { matrix, omega, speed_rad_per_s }
+        Self { matrix, omega, n_plane: n, speed_rad_per_s }
     }
 
     /// Largest real part of the eigenvalues of A, rad/s: above 0, motions grow.
@@ -80,8 +82,11 @@ impl LinearSystem {
         let lower = |force: &[f64]| {
             DVector::from_fn(2 * size, |i, _| if i < size { 0.0 } else { force[i - size] })
         };
-        let (re, im) = model.turning_force(self.speed_rad_per_s);
-        let constant = [&model.constant[0][..], &model.constant[1][..]].concat();
+        let (mut re, mut im) = model.turning_force(self.speed_rad_per_s);
+        re.resize(size, 0.0);
+        im.resize(size, 0.0);
+        let torque = model.torsion.as_ref().map_or(&[][..], |torsion| &torsion.torque[..]);
+        let constant = [&model.constant[0][..], &model.constant[1][..], torque].concat();
         // (iΩ − A)·Y = c as one real system of twice the size.
         let n = 2 * size;
         let mut both = DMatrix::zeros(2 * n, 2 * n);
@@ -123,6 +128,23 @@ impl LinearSystem {
         DVector::from_fn(2 * size, |i, _| if i < size { row[i] / self.omega[i] } else { 0.0 })
     }
 
+    /// The velocity along a row over all coordinates, as a row over y.
+    pub(super) fn velocity(&self, row: &[f64]) -> DVector<f64> {
+        self.input(row)
+    }
+
+    /// Adds a spring, N/m, and a damper, N·s/m, which see the motion along one row over all
+    /// coordinates and push against it along another.
+    pub(super) fn stiffen(&mut self, push: &[f64], see: &[f64], spring: f64, damper: f64) {
+        let size = self.omega.len();
+        for (i, push) in push.iter().enumerate() {
+            for (j, see) in see.iter().enumerate() {
+                self.matrix[(size + i, j)] -= push * see * spring / self.omega[j];
+                self.matrix[(size + i, size + j)] -= push * see * damper;
+            }
+        }
+    }
+
     /// What a unit force along a row over all coordinates shows at once to a watch.
     pub(super) fn direct(&self, watch: &Watch, row: &[f64]) -> f64 {
         match watch.quantity {
@@ -136,9 +158,14 @@ impl LinearSystem {
 
     /// A watch's weights of all coordinates.
     fn weights(&self, watch: &Watch) -> impl Iterator<Item = f64> {
-        let (size, n) = (self.omega.len(), self.omega.len() / 2);
+        let n = self.n_plane;
         let (sin, cos) = watch.axis_rad.sin_cos();
-        (0..size).map(move |i| watch.row[i % n] * if i < n { cos } else { sin })
+        let weight = move |i: usize| match i / n {
+            0 => watch.row[i] * cos,
+            1 => watch.row[i - n] * sin,
+            _ => 0.0,
+        };
+        (0..self.omega.len()).map(weight)
     }
 
     /// Displacements and velocities of a state.

@@ -262,9 +262,15 @@ impl Mesh {
         self.active[0].iter().map(of_pair).sum()
     }
 
-    /// Drive flanks, and back flanks where there is a backlash they can close.
+    /// Flanks that can touch: the drive flanks, and the back flanks where there is a backlash they
+    /// can close.
+    #[must_use]
+    pub fn n_flanks(&self) -> usize {
+        if self.design.backlash_m.is_finite() { 2 } else { 1 }
+    }
+
     fn flanks(&self) -> std::ops::Range<usize> {
-        0..if self.design.backlash_m.is_finite() { 2 } else { 1 }
+        0..self.n_flanks()
     }
 
     /// By how much a tooth's back flank passes its pitch point before its drive flank, rad.

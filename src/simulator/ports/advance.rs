@@ -1,7 +1,9 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
 use super::lanes;
-use super::{Moment, PortRun, SAME_TIME, STRIDE, Seat, SetStep, Work};
+use super::loads::{Look, Moment};
+use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
+use crate::simulator::mesh::Crossing;
 use pulp::{Simd, WithSimd};
 
 /// Most touches a grid step is cut for.
@@ -35,6 +37,15 @@ fn pieces(part: f64, whole_s: f64, out: &mut Vec<f64>) {
     side(part * whole_s, out);
 }
 
+/// What a step should not go across.
+#[derive(Clone, Copy)]
+enum Event {
+    /// A pair of teeth of this gear meets or parts.
+    Teeth(usize, Crossing),
+    /// A ball touches or leaves after this part of the step.
+    Ball(f64),
+}
+
 /// Which maps a step takes.
 #[derive(Clone, Copy)]
 enum Length {
@@ -55,7 +66,7 @@ impl PortRun {
             Some(now) if !is_anchor => now,
             _ => self.anchor(simd, from_s),
         };
-        let turn = Moment::at(0.5 * self.speed_rad_per_s * self.step_s, &self.seats);
+        let turn = Moment::at(0.5 * self.speed_rad_per_s * self.step_s, &self.loads);
         let mut next_edge = 0;
         let mut is_stale = self.is_stale;
         for _ in 0..n_steps {
@@ -68,16 +79,15 @@ impl PortRun {
                 let to_s = edge_s.unwrap_or(end_s);
                 if is_stale {
                     let middle_rad = now.shaft_rad + 0.5 * self.speed_rad_per_s * (to_s - at_s);
-                    self.seats.iter_mut().for_each(|seat| seat.balls.set_side(middle_rad));
+                    self.loads.set_side(middle_rad);
                 }
-                let start = &mut self.work.forces[0];
-                contact_forces(simd, &mut self.seats, (&now, true), &self.work.now_m, start);
+                self.start_forces(simd, &now, true);
                 if at_s <= begin_s {
                     self.observe(simd, &now, out);
                 }
                 let is_whole = edge_s.is_none() && at_s <= begin_s;
                 let length = if is_whole { Length::Grid } else { Length::Odd(to_s - at_s) };
-                if self.cuts_at_contact {
+                if self.cuts_at_contact || !self.loads.gears.is_empty() {
                     self.reach(simd, length, &mut now, &turn);
                 } else {
                     self.step(simd, length, &mut now, &turn);
@@ -91,47 +101,77 @@ impl PortRun {
         (self.now, self.is_stale) = (Some(now), is_stale);
     }
 
-    /// Angles and displacements of the ports anew from time and state, free of what rounding has
+    /// Angles and what is read of the motion anew from time and state, free of what rounding has
     /// added since the last time.
     #[inline(always)]
     fn anchor<S: Simd>(&mut self, simd: S, at_s: f64) -> Moment {
-        let now = Moment::at(self.shaft_rad(at_s), &self.seats);
-        self.ported.displacements(simd, &self.list, &mut self.work.free);
+        let now = Moment::at(self.shaft_rad(at_s), &self.loads);
+        self.ported.read(simd, &self.list, &mut self.work.free);
         let free = self.work.free.as_flattened();
-        for ((now_m, free), still) in self.work.now_m.iter_mut().zip(free).zip(&self.port_steady) {
-            *now_m = free + now.of(still);
+        for ((read, free), still) in self.work.now.iter_mut().zip(free).zip(&self.still) {
+            *read = free + now.of(still);
         }
         now
     }
 
-    /// Goes a length in as many steps as balls touch or leave in it. The force of a ball that touches
-    /// grows with t^1.5, which no polynomial follows: steps are cut there and grow from there on.
-    /// Forces at the start are known.
+    /// Forces at the ports now; where a stretch without edges begins, teeth are held as they are.
+    #[inline(always)]
+    fn start_forces<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
+        let look = Look { now, read: &self.work.now };
+        if holds {
+            self.loads.hold(look);
+        }
+        self.loads.forces(simd, look, true, &mut self.work.forces[0]);
+    }
+
+    /// Goes a length in as many steps as teeth meet or part and balls touch or leave in it. The force
+    /// of a ball that touches grows with t^1.5, which no polynomial follows: steps are cut there and
+    /// grow from there on. Forces at the start are known.
     #[inline(always)]
     fn reach<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        self.step_kept(simd, length, now, turn);
-        let Some(part) = self.first_touch(now) else { return };
         let whole_s = match length {
             Length::Grid => self.step_s,
             Length::Odd(step_s) => step_s,
         };
-        self.restore(now);
+        let shortest_s = SAME_TIME * self.step_s;
+        self.step_kept(simd, length, now, turn);
+        let mut event = self.first_event(now, whole_s, false);
+        if event.is_none() {
+            return;
+        }
         let mut ahead_s = std::mem::take(&mut self.work.ahead_s);
         ahead_s.clear();
-        pieces(part, whole_s, &mut ahead_s);
-        let mut n_cuts = 1;
-        while let Some(piece_s) = ahead_s.pop() {
-            let start = &mut self.work.forces[0];
-            contact_forces(simd, &mut self.seats, (now, true), &self.work.now_m, start);
+        let (mut piece_s, mut n_cuts) = (whole_s, 0);
+        loop {
+            match event {
+                Some(Event::Teeth(gear, crossing))
+                    if piece_s * (1.0 - crossing.part) > shortest_s =>
+                {
+                    self.restore(now);
+                    let part_s = crossing.part * piece_s;
+                    ahead_s.push(piece_s - if part_s > shortest_s { part_s } else { 0.0 });
+                    if part_s > shortest_s {
+                        self.start_forces(simd, now, false);
+                        self.step(simd, Length::Odd(part_s), now, turn);
+                    }
+                    self.loads.cross((gear, crossing));
+                }
+                Some(Event::Ball(part)) => {
+                    self.restore(now);
+                    pieces(part, piece_s, &mut ahead_s);
+                }
+                Some(Event::Teeth(..)) | None => {}
+            }
+            n_cuts += usize::from(event.is_some());
+            let Some(next_s) = ahead_s.pop() else { break };
+            piece_s = next_s;
+            self.start_forces(simd, now, false);
             self.step_kept(simd, Length::Odd(piece_s), now, turn);
-            if n_cuts >= MOST_CUTS || piece_s < whole_s * SMALLEST_CUT {
-                continue;
-            }
-            if let Some(part) = self.first_touch(now) {
-                self.restore(now);
-                pieces(part, piece_s, &mut ahead_s);
-                n_cuts += 1;
-            }
+            event = if n_cuts < MOST_CUTS {
+                self.first_event(now, piece_s, piece_s < whole_s * SMALLEST_CUT)
+            } else {
+                None
+            };
         }
         self.work.ahead_s = ahead_s;
     }
@@ -141,39 +181,32 @@ impl PortRun {
     fn step_kept<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let kept = &mut self.kept;
         kept.list.clone_from(&self.list);
-        kept.now_m.clone_from(&self.work.now_m);
+        kept.read.clone_from(&self.work.now);
         kept.now.clone_from(now);
         self.step(simd, length, now, turn);
     }
 
     fn restore(&mut self, now: &mut Moment) {
         self.list.copy_from_slice(&self.kept.list);
-        self.work.now_m.copy_from_slice(&self.kept.now_m);
+        self.work.now.copy_from_slice(&self.kept.read);
         now.clone_from(&self.kept.now);
     }
 
-    /// The part of the last step after which a ball first touches or leaves; `None` if none does.
-    fn first_touch(&mut self, after: &Moment) -> Option<f64> {
-        if !self.seats.iter().any(|seat| seat.balls.has_touched()) {
+    /// What happened first in the last step, of `step_s`, that it should not have gone across; balls
+    /// are left alone in small pieces.
+    fn first_event(&mut self, after: &Moment, step_s: f64, is_small: bool) -> Option<Event> {
+        let before = Look { now: &self.kept.now, read: &self.kept.read };
+        let end = Look { now: after, read: &self.work.now };
+        if let Some((gear, crossing)) = self.loads.crossing(before, end, step_s) {
+            return Some(Event::Teeth(gear, crossing));
+        }
+        if !self.cuts_at_contact || is_small || !self.loads.has_touched() {
             return None;
         }
-        let before = &self.kept;
-        let mut first: Option<f64> = None;
         let middle_rad = 0.5 * (before.now.shaft_rad + after.shaft_rad);
-        let middle = Moment::at(middle_rad, &self.seats);
-        let work = &self.work;
-        for (i, seat) in self.seats.iter_mut().enumerate() {
-            let place = |list: &[f64]| [list[2 * i], list[2 * i + 1]];
-            let looks = [
-                (before.now.shaft_rad, before.now.cages[i], place(&before.now_m)),
-                (middle_rad, middle.cages[i], place(&work.middle_m)),
-                (after.shaft_rad, after.cages[i], place(&work.now_m)),
-            ];
-            if let Some(part) = seat.balls.first_touch(looks) {
-                first = Some(first.map_or(part, |first| first.min(part)));
-            }
-        }
-        first
+        let middle = Moment::at(middle_rad, &self.loads);
+        let middle = Look { now: &middle, read: &self.work.middle };
+        self.loads.first_touch([before, middle, end]).map(Event::Ball)
     }
 
     /// Times of the edges in an interval, in order.
@@ -187,10 +220,7 @@ impl PortRun {
         }
         // A little beyond, for edges that rounding puts on the other side of the last grid point.
         let margin_s = SAME_TIME * self.step_s;
-        for seat in &self.seats {
-            let contacts = seat.balls.contacts();
-            contacts.edges(speed * from_s, speed * (to_s + margin_s), &mut work.angles);
-        }
+        self.loads.edges(speed * from_s, speed * (to_s + margin_s), &mut work.angles);
         work.edges_s.extend(work.angles.iter().map(|angle| angle / speed));
         work.edges_s.sort_by(f64::total_cmp);
     }
@@ -233,8 +263,7 @@ impl PortRun {
         }
     }
 
-    /// One step from `now` on, with the forces now in `work.forces[0]`; leaves the displacements of
-    /// the ports at its end.
+    /// One step from `now` on, with the forces now in `work.forces[0]`; leaves what is read at its end.
     #[inline(always)]
     fn step<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let odd_turn;
@@ -243,113 +272,59 @@ impl PortRun {
             Length::Odd(step_s) => {
                 let set = SetStep { map: &mut self.odd, ported: &self.ported, step_s };
                 set.with_simd(simd);
-                odd_turn = Moment::at(0.5 * self.speed_rad_per_s * step_s, &self.seats);
+                odd_turn = Moment::at(0.5 * self.speed_rad_per_s * step_s, &self.loads);
                 (&self.odd, &odd_turn)
             }
         };
-        let Work { free, stage_m, middle_m: kept_middle_m, forces, amounts, now_m, .. } =
-            &mut self.work;
+        let (n_in, n_out) = (self.ported.n_in, self.ported.n_out);
+        let Work { free, stage, middle, forces, amounts, now: at_end, .. } = &mut self.work;
         let [start, first, second, end] = forces;
-        let (seats, still) = (&mut self.seats, &self.port_steady);
-        let n = self.ported.n_ports;
+        let (loads, still) = (&mut self.loads, &self.still);
         map.free.times(simd, &self.list, free);
-        let free = free.as_flattened();
+        let (free_middle, free_end) = free.as_flattened().split_at(n_out);
         now.turn(turn);
-        // At the first stage the displacements of the middle are those of the free motion, and those
-        // of the end wait in `now_m`.
-        let middle_m = &mut *stage_m;
-        for port in 0..n {
-            middle_m[port] = free[port] + now.of(&still[port]);
-        }
-        push(&map.stage, start, middle_m);
-        contact_forces(simd, seats, (now, false), middle_m, first);
-        for port in 0..n {
-            middle_m[port] = free[port] + now.of(&still[port]);
-        }
-        push(&map.stage, first, middle_m);
-        kept_middle_m.copy_from_slice(middle_m);
-        contact_forces(simd, seats, (now, false), middle_m, second);
+        sum(free_middle, now, still, stage);
+        push(&map.stage, start, stage);
+        loads.forces(simd, Look { now, read: stage }, false, first);
+        sum(free_middle, now, still, middle);
+        push(&map.stage, first, middle);
+        loads.forces(simd, Look { now, read: middle }, false, second);
         now.turn(turn);
-        for port in 0..n {
-            now_m[port] = free[n + port] + now.of(&still[port]);
-        }
-        let late_m = &mut *stage_m;
-        late_m.copy_from_slice(now_m);
-        for port in 0..n {
+        sum(free_end, now, still, at_end);
+        stage.copy_from_slice(at_end);
+        for port in 0..n_in {
             amounts[port] = 2.0 * second[port] - start[port];
         }
-        push(&map.carried, start, late_m);
-        push(&map.stage, &amounts[..n], late_m);
-        contact_forces(simd, seats, (now, false), late_m, end);
-        for port in 0..n {
+        push(&map.carried, start, stage);
+        push(&map.stage, &amounts[..n_in], stage);
+        loads.forces(simd, Look { now, read: stage }, false, end);
+        for port in 0..n_in {
             amounts[port] = start[port];
-            amounts[n + port] = first[port] + second[port];
-            amounts[2 * n + port] = end[port];
+            amounts[n_in + port] = first[port] + second[port];
+            amounts[2 * n_in + port] = end[port];
         }
-        for (weights, amounts) in map.weighted.iter().zip(amounts.chunks_exact(n.max(1))) {
-            push(weights, amounts, now_m);
+        for (weights, amounts) in map.weighted.iter().zip(amounts.chunks_exact(n_in.max(1))) {
+            push(weights, amounts, at_end);
         }
         lanes::carry(simd, &map.whole, &map.columns, amounts, &mut self.list);
     }
 }
 
-/// Adds to displacements what forces do to them.
+/// Free and steady motion together.
 #[inline(always)]
-fn push(effect: &[f64], force: &[f64], displacement_m: &mut [f64]) {
-    let n = force.len().max(1);
+fn sum(free: &[f64], now: &Moment, still: &[[f64; 3]], out: &mut [f64]) {
+    for ((out, free), still) in out.iter_mut().zip(free).zip(still) {
+        *out = free + now.of(still);
+    }
+}
+
+/// Adds to what is read what forces do to it.
+#[inline(always)]
+fn push(effect: &[f64], force: &[f64], read: &mut [f64]) {
+    let n = read.len().max(1);
     for (row, force) in effect.chunks_exact(n).zip(force) {
-        for (displacement, effect) in displacement_m.iter_mut().zip(row) {
-            *displacement += effect * force;
+        for (read, effect) in read.iter_mut().zip(row) {
+            *read += effect * force;
         }
-    }
-}
-
-/// Forces at the ports for their displacements, at the start of a step or inside it.
-#[inline(always)]
-fn contact_forces<S: Simd>(
-    simd: S,
-    seats: &mut [Seat],
-    (now, is_start): (&Moment, bool),
-    displacement_m: &[f64],
-    out: &mut [f64],
-) {
-    let ports = displacement_m.chunks_exact(2).zip(out.chunks_exact_mut(2));
-    for ((seat, cage), (at, out)) in seats.iter_mut().zip(&now.cages).zip(ports) {
-        let force = seat.balls.force(simd, now.shaft_rad, *cage, [at[0], at[1]], is_start);
-        let [[xx, xy], [yx, yy]] = seat.given_back_n_per_m;
-        out[0] = force[0] + xx * at[0] + xy * at[1];
-        out[1] = force[1] + yx * at[0] + yy * at[1];
-    }
-}
-
-impl Moment {
-    /// The angles of shaft and cages when the shaft's is this.
-    pub(super) fn at(shaft_rad: f64, seats: &[Seat]) -> Self {
-        let unit = |angle: f64| {
-            let (sin, cos) = angle.sin_cos();
-            (cos, sin)
-        };
-        Self {
-            shaft_rad,
-            shaft: unit(shaft_rad),
-            cages: seats.iter().map(|seat| unit(seat.cage_ratio * shaft_rad)).collect(),
-        }
-    }
-
-    /// Goes on by these angles.
-    #[inline(always)]
-    fn turn(&mut self, by: &Self) {
-        let turned = |(c, s): (f64, f64), (dc, ds): (f64, f64)| (c * dc - s * ds, s * dc + c * ds);
-        self.shaft_rad += by.shaft_rad;
-        self.shaft = turned(self.shaft, by.shaft);
-        for (cage, by) in self.cages.iter_mut().zip(&by.cages) {
-            *cage = turned(*cage, *by);
-        }
-    }
-
-    /// Constant + cos and sin part.
-    #[inline(always)]
-    fn of(&self, still: &[f64; 3]) -> f64 {
-        still[0] + still[1] * self.shaft.0 + still[2] * self.shaft.1
     }
 }

@@ -11,6 +11,7 @@
 mod advance;
 mod balls;
 mod lanes;
+mod loads;
 mod spectrum;
 mod step;
 
@@ -18,10 +19,11 @@ mod step;
 mod tests;
 
 use super::linear::{LinearSystem, Seen, Steady};
-use super::model::{LinearSeat, Model};
+use super::mesh::Mesh;
+use super::model::{GearSeat, Model};
 use super::run::Watch;
-use balls::Balls;
 use lanes::{Rows, WIDTH};
+use loads::{Loads, Look, Moment};
 use nalgebra::DVector;
 use pulp::{Arch, Simd, WithSimd};
 use spectrum::Spectrum;
@@ -48,9 +50,9 @@ pub struct PortRun {
     spectrum: Spectrum,
     steady: Steady,
     ported: Ported,
-    seats: Vec<Seat>,
-    /// Steady displacement of every port: constant, cos and sin part.
-    port_steady: Vec<[f64; 3]>,
+    loads: Loads,
+    /// Steady part of what is read: constant, cos and sin part.
+    still: Vec<[f64; 3]>,
     watched: Watched,
     grid: StepMap,
     odd: StepMap,
@@ -73,24 +75,15 @@ pub struct PortRun {
 #[derive(Debug, Clone)]
 struct Kept {
     list: Vec<f64>,
-    now_m: Vec<f64>,
+    read: Vec<f64>,
     now: Moment,
-}
-
-/// A ball bearing with its two ports.
-#[derive(Debug, Clone)]
-struct Seat {
-    balls: Balls,
-    /// Stiffness that is in the linear part and is given back here, N/m.
-    given_back_n_per_m: [[f64; 2]; 2],
-    cage_ratio: f64,
 }
 
 /// What is watched, as rows over the free motion, forces and steady motion.
 #[derive(Debug, Clone)]
 struct Watched {
     rows: Rows,
-    /// Effect of the force at each port, [watch·n_ports + port].
+    /// Effect of the force at each port, [watch·n_in + port].
     direct: Vec<f64>,
     steady: Vec<[f64; 3]>,
 }
@@ -98,14 +91,14 @@ struct Watched {
 /// Lists that steps need.
 #[derive(Debug, Clone, Default)]
 struct Work {
-    /// Displacements of the ports at the start of the step.
-    now_m: Vec<f64>,
-    /// Free displacements in the middle and at the end; and what is watched.
+    /// What is read at the start of the step: see [`loads`].
+    now: Vec<f64>,
+    /// The same of the free motion in the middle and at the end; and what is watched.
     free: Vec<[f64; WIDTH]>,
     seen: Vec<[f64; WIDTH]>,
-    stage_m: Vec<f64>,
-    /// Displacements in the middle of the last step.
-    middle_m: Vec<f64>,
+    stage: Vec<f64>,
+    /// What is read in the middle of the last step.
+    middle: Vec<f64>,
     /// Forces at the ports: start, first and second of the middle, end; and what they amount to.
     forces: [Vec<f64>; 4],
     amounts: Vec<f64>,
@@ -116,29 +109,19 @@ struct Work {
 }
 
 impl Work {
-    fn new(n_ports: usize, n_watches: usize) -> Self {
+    fn new((n_in, n_out): (usize, usize), n_watches: usize) -> Self {
         let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
         Self {
-            now_m: vec![0.0; n_ports],
-            stage_m: vec![0.0; n_ports],
-            middle_m: vec![0.0; n_ports],
-            free: blocks(2 * n_ports),
+            now: vec![0.0; n_out],
+            stage: vec![0.0; n_out],
+            middle: vec![0.0; n_out],
+            free: blocks(2 * n_out),
             seen: blocks(n_watches),
-            forces: std::array::from_fn(|_| vec![0.0; n_ports]),
-            amounts: vec![0.0; 3 * n_ports],
+            forces: std::array::from_fn(|_| vec![0.0; n_in]),
+            amounts: vec![0.0; 3 * n_in],
             ..Self::default()
         }
     }
-}
-
-/// Angles of shaft and cages at one moment.
-#[derive(Debug, Clone)]
-struct Moment {
-    shaft_rad: f64,
-    /// cos and sin of the shaft's angle.
-    shaft: (f64, f64),
-    /// The same of every cage's.
-    cages: Vec<(f64, f64)>,
 }
 
 impl PortRun {
@@ -174,35 +157,28 @@ impl PortRun {
         stiffness_n_per_m: &[[[f64; 2]; 2]],
     ) -> Option<Self> {
         let speed_rad_per_s = model.speed.constant_rad_per_s()?;
-        if !model.gears.is_empty() || model.torsion.is_some() {
-            return None;
-        }
-        let linear = linearised(model, stiffness_n_per_m);
-        let system = LinearSystem::new(&linear, speed_rad_per_s);
+        let system = linearised(model, speed_rad_per_s, stiffness_n_per_m);
         let steady = system.steady(model)?;
         let spectrum = Spectrum::of(system.matrix())?;
-        let ports = ports(model, &system);
-        let inputs: Vec<_> = ports.iter().map(|port| spectrum.input(&port.input)).collect();
-        let outputs: Vec<_> = ports.iter().map(|port| spectrum.output(&port.output)).collect();
+        let loads = Loads::new(model, stiffness_n_per_m);
+        let ports = Ports::new(model, &system);
+        let inputs: Vec<_> = ports.inputs.iter().map(|input| spectrum.input(input)).collect();
+        let outputs: Vec<_> = ports.outputs.iter().map(|row| spectrum.output(row)).collect();
         let ported = Ported::new(&spectrum.values, &inputs, &outputs);
         let arch = Arch::new();
         let mut grid = StepMap::new(&ported);
         arch.dispatch(SetStep { map: &mut grid, ported: &ported, step_s });
-        let seat = |(seat, stiffness): (&super::model::Seat, &[[f64; 2]; 2])| Seat {
-            cage_ratio: seat.contacts.bearing().cage_ratio,
-            given_back_n_per_m: *stiffness,
-            balls: Balls::new(seat.contacts.clone()),
-        };
         let mut run = Self {
             arch,
-            seats: model.seats.iter().zip(stiffness_n_per_m).map(seat).collect(),
-            port_steady: ports.iter().map(|port| steady.seen_by(&port.output)).collect(),
+            kept: Kept { list: Vec::new(), read: Vec::new(), now: Moment::at(0.0, &loads) },
+            loads,
+            still: ports.outputs.iter().map(|row| steady.seen_by(row)).collect(),
             watched: watched(&system, &steady, &spectrum, &ports, watches),
             odd: StepMap::new(&ported),
             model: model.clone(),
             list: vec![0.0; lanes::list_len(spectrum.values.len())],
             n_steps: first_step,
-            work: Work::new(ported.n_ports, watches.len()),
+            work: Work::new((ported.n_in, ported.n_out), watches.len()),
             system,
             spectrum,
             steady,
@@ -213,10 +189,8 @@ impl PortRun {
             cuts_at_contact: false,
             now: None,
             is_stale: true,
-            kept: Kept { list: Vec::new(), now_m: Vec::new(), now: Moment::at(0.0, &[]) },
         };
-        let zero = vec![0.0; 2 * model.basis.len()];
-        run.set_state(state.unwrap_or((&zero, &zero)));
+        run.begin(state);
         Some(run)
     }
 
@@ -224,24 +198,22 @@ impl PortRun {
     /// is left to integrate varies least. Never below a small part of the support, so that the
     /// linear part holds the shaft.
     fn mean_stiffness_n_per_m(&mut self) -> Vec<[[f64; 2]; 2]> {
-        let mut sums = vec![[0.0; 3]; self.seats.len()];
+        let mut sums = vec![[0.0; 3]; self.loads.seats.len()];
         for _ in 0..PILOT.0 {
             self.fill(PILOT.1, &mut []);
-            let cages = Moment::at(self.shaft_rad(self.time_s()), &self.seats).cages;
-            let places = self.work.now_m.chunks_exact(2);
-            for (((seat, cage), at), sum) in self.seats.iter().zip(cages).zip(places).zip(&mut sums)
-            {
-                let now = seat.balls.stiffness_n_per_m(cage, [at[0], at[1]]);
+            let now = Moment::at(self.shaft_rad(self.time_s()), &self.loads);
+            let look = Look { now: &now, read: &self.work.now };
+            for (sum, now) in sums.iter_mut().zip(self.loads.stiffness_n_per_m(look)) {
                 sum.iter_mut().zip(now).for_each(|(sum, now)| *sum += now / PILOT.0 as f64);
             }
         }
-        let of = |(seat, [xx, xy, yy]): (&Seat, [f64; 3])| {
+        let of = |(seat, [xx, xy, yy]): (&loads::Seat, [f64; 3])| {
             let least = LEAST_STIFFNESS * seat.given_back_n_per_m[0][0];
             let softest = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
             let missing = (least - softest).max(0.0);
             [[xx + missing, xy], [xy, yy + missing]]
         };
-        self.seats.iter().zip(sums).map(of).collect()
+        self.loads.seats.iter().zip(sums).map(of).collect()
     }
 
     /// The same run with another step; the next one, with which it begins, is `first_step`. To be
@@ -258,7 +230,7 @@ impl PortRun {
     #[must_use]
     pub fn watching(&self, watches: &[Watch]) -> Self {
         let mut run = self.clone();
-        let ports = ports(&run.model, &run.system);
+        let ports = Ports::new(&run.model, &run.system);
         run.watched = watched(&run.system, &run.steady, &run.spectrum, &ports, watches);
         run.work.seen = vec![[0.0; WIDTH]; watches.len().div_ceil(WIDTH)];
         run
@@ -275,6 +247,19 @@ impl PortRun {
     pub fn cutting_at_contact(mut self, cuts: bool) -> Self {
         self.cuts_at_contact = cuts;
         self
+    }
+
+    /// Begins at rest, or with the state given; of a state of both planes alone the torsion rests under
+    /// its torque.
+    fn begin(&mut self, state: Option<(&[f64], &[f64])>) {
+        let n = self.model.n_coordinates();
+        let (mut q, mut v) =
+            state.map_or((vec![0.0; n], vec![0.0; n]), |(q, v)| (q.to_vec(), v.to_vec()));
+        if let Some(torsion) = self.model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
+            q.extend(torsion.rest());
+            v.resize(q.len(), 0.0);
+        }
+        self.set_state((&q, &v));
     }
 
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {
@@ -306,12 +291,10 @@ impl PortRun {
     pub fn change(&mut self, model: &Model, watches: &[Watch]) -> bool {
         let Some(steady) = self.system.steady(model) else { return false };
         let (q, v) = self.state();
-        let ports = ports(model, &self.system);
-        self.port_steady = ports.iter().map(|port| steady.seen_by(&port.output)).collect();
+        let ports = Ports::new(model, &self.system);
+        self.still = ports.outputs.iter().map(|row| steady.seen_by(row)).collect();
         self.watched = watched(&self.system, &steady, &self.spectrum, &ports, watches);
-        for (seat, new) in self.seats.iter_mut().zip(&model.seats) {
-            seat.balls.exchange(new.contacts.clone());
-        }
+        self.loads.exchange(model);
         self.steady = steady;
         self.model = model.clone();
         self.set_state((&q, &v));
@@ -320,7 +303,12 @@ impl PortRun {
 
     /// Largest load of a ball of every bearing so far, N.
     pub fn peak_loads_n(&self) -> impl Iterator<Item = f64> {
-        self.seats.iter().map(|seat| seat.balls.peak_force_n())
+        self.loads.peak_loads_n()
+    }
+
+    /// The gear meshes.
+    pub fn meshes(&self) -> impl Iterator<Item = &Mesh> {
+        self.loads.meshes()
     }
 
     /// Whether the motion is still a number.
@@ -349,43 +337,90 @@ impl PortRun {
     }
 }
 
-/// The model with the dampers of its ball bearings and these stiffnesses as linear seats.
-fn linearised(model: &Model, stiffness_n_per_m: &[[[f64; 2]; 2]]) -> Model {
-    let mut linear = model.clone();
-    for (seat, [[xx, xy], [yx, yy]]) in model.seats.iter().zip(stiffness_n_per_m) {
+/// The linear part: with these stiffnesses of the ball bearings in place of the supports in the
+/// basis, their dampers, and the mean stiffness and the damper of the gears in place of what holds
+/// the torsion in its shapes.
+fn linearised(
+    model: &Model,
+    speed_rad_per_s: f64,
+    stiffness_n_per_m: &[[[f64; 2]; 2]],
+) -> LinearSystem {
+    let mut system = LinearSystem::new(model, speed_rad_per_s);
+    for (seat, stiffness) in model.seats.iter().zip(stiffness_n_per_m) {
         let (support, damping) = (seat.support_n_per_m, seat.contacts.bearing().damping_n_s_per_m);
-        linear.linear_seats.push(LinearSeat {
-            row: seat.row.clone(),
-            stiffness_n_per_m: [[xx - support, *xy], [*yx, yy - support]],
-            damping_n_s_per_m: [[damping, 0.0], [0.0, damping]],
-        });
+        let rows = [0, 1].map(|plane| lateral(model, &seat.row, plane));
+        for (i, push) in rows.iter().enumerate() {
+            for (j, see) in rows.iter().enumerate() {
+                let (k, d) = if i == j { (support, damping) } else { (0.0, 0.0) };
+                system.stiffen(push, see, stiffness[i][j] - k, d);
+            }
+        }
     }
-    linear
+    for gear in &model.gears {
+        let turn = turning(model, &gear.turn);
+        system.stiffen(&turn, &turn, -gear.held_n_per_m, 0.0);
+        let [drive, _] = flanks(model, gear);
+        let (stiffness, damping) = loads::held(&gear.mesh);
+        system.stiffen(&drive, &drive, stiffness, damping);
+    }
+    system
 }
 
-/// A direction at a place: what a force along it does to ẏ, and how y shows its displacement.
-struct Port {
-    row: Vec<f64>,
-    input: DVector<f64>,
-    output: DVector<f64>,
+/// A row of one plane as a row over all coordinates.
+fn lateral(model: &Model, row: &[f64], plane: usize) -> Vec<f64> {
+    let mut whole = vec![0.0; model.n_coordinates()];
+    whole[plane * row.len()..(plane + 1) * row.len()].copy_from_slice(row);
+    whole
 }
 
-/// Two ports a ball bearing: x, y.
-fn ports(model: &Model, system: &LinearSystem) -> Vec<Port> {
-    let n = model.basis.len();
-    let along = |row: &[f64], plane: usize| {
-        let mut whole = vec![0.0; 2 * n];
-        whole[plane * n..(plane + 1) * n].copy_from_slice(row);
-        Port { input: system.input(&whole), output: system.displacement(&whole), row: whole }
-    };
-    model.seats.iter().flat_map(|seat| [0, 1].map(|plane| along(&seat.row, plane))).collect()
+/// A row of the torsion as a row over all coordinates.
+fn turning(model: &Model, row: &[f64]) -> Vec<f64> {
+    let mut whole = vec![0.0; model.n_coordinates()];
+    whole[2 * model.basis.len()..].copy_from_slice(row);
+    whole
+}
+
+/// Rows along which drive and back flanks of a gear push.
+fn flanks(model: &Model, gear: &GearSeat) -> [Vec<f64>; 2] {
+    let planes = [0, 1].map(|plane| lateral(model, &gear.row, plane));
+    let turn = turning(model, &gear.turn);
+    [(gear.drive, 1.0), (gear.back, -1.0)].map(|(direction, sense)| {
+        let along =
+            |i: usize| direction[0] * planes[0][i] + direction[1] * planes[1][i] + sense * turn[i];
+        (0..turn.len()).map(along).collect()
+    })
+}
+
+/// Where forces come in, and what is read of the motion: see [`loads`].
+struct Ports {
+    rows: Vec<Vec<f64>>,
+    inputs: Vec<DVector<f64>>,
+    outputs: Vec<DVector<f64>>,
+}
+
+impl Ports {
+    fn new(model: &Model, system: &LinearSystem) -> Self {
+        let of_seat = |seat: &super::model::Seat| [0, 1].map(|p| lateral(model, &seat.row, p));
+        let mut rows: Vec<Vec<f64>> = model.seats.iter().flat_map(of_seat).collect();
+        let n_lateral = rows.len();
+        for gear in &model.gears {
+            rows.extend(flanks(model, gear).into_iter().take(gear.mesh.n_flanks()));
+        }
+        let displacements = rows.iter().map(|row| system.displacement(row));
+        let velocities = rows[n_lateral..].iter().map(|row| system.velocity(row));
+        Self {
+            inputs: rows.iter().map(|row| system.input(row)).collect(),
+            outputs: displacements.chain(velocities).collect(),
+            rows,
+        }
+    }
 }
 
 fn watched(
     system: &LinearSystem,
     steady: &Steady,
     spectrum: &Spectrum,
-    ports: &[Port],
+    ports: &Ports,
     watches: &[Watch],
 ) -> Watched {
     let mut rows = Rows::zero(watches.len(), lanes::list_len(spectrum.values.len()));
@@ -393,7 +428,7 @@ fn watched(
     for (i, watch) in watches.iter().enumerate() {
         let Seen { row, constant, phasor } = Seen::by(system, steady, watch);
         rows.set(i, &spectrum.output(&row));
-        direct.extend(ports.iter().map(|port| system.direct(watch, &port.row)));
+        direct.extend(ports.rows.iter().map(|row| system.direct(watch, row)));
         still.push([constant, phasor.0, -phasor.1]);
     }
     Watched { rows, direct, steady: still }

@@ -10,15 +10,17 @@ use pulp::Simd;
 /// Coordinates with the ports at which forces come in and displacements are read.
 #[derive(Debug, Clone)]
 pub(super) struct Ported {
-    /// Number of ports.
-    pub(super) n_ports: usize,
+    /// Number of ports: forces that come in.
+    pub(super) n_in: usize,
+    /// Number of motions that are read: the displacement of every port, then what else is asked for.
+    pub(super) n_out: usize,
     /// λ, laid out.
     lambda: Vec<f64>,
     /// Largest |λ|, rad/s.
     largest: f64,
     /// What a unit force at each port does, laid out.
     inputs: Vec<Vec<f64>>,
-    /// Displacement of every port: rows 0.. of the first, and again from `n_ports` on in the second.
+    /// What is read: rows 0.. of the first, and again from `n_out` on in the second.
     early: Rows,
     late: Rows,
 }
@@ -28,16 +30,16 @@ pub(super) struct Ported {
 pub(super) struct StepMap {
     /// exp(λ·h), laid out.
     pub(super) whole: Vec<f64>,
-    /// Free displacements of all ports in the middle, then of all at the end.
+    /// What is read of the free motion in the middle, then at the end.
     pub(super) free: Rows,
     /// For each group, one group a column: forces at the start of every port, those in the middle,
     /// those at the end.
     pub(super) columns: Vec<f64>,
-    /// Displacement in the middle by a force from the start on; [from·n_ports + at].
+    /// What is read in the middle by a force from the start on; [from·n_out + at].
     pub(super) stage: Vec<f64>,
-    /// Displacement at the end by the force that acted over the first half.
+    /// What is read at the end by the force that acted over the first half.
     pub(super) carried: Vec<f64>,
-    /// Displacement at the end by the weighted forces of start, middle and end.
+    /// What is read at the end by the weighted forces of start, middle and end.
     pub(super) weighted: [Vec<f64>; 3],
     /// Scratch: exp(λ·h/2), effect of a force over half a step, and one column.
     half: Vec<f64>,
@@ -68,14 +70,15 @@ impl Ported {
         inputs: &[Vec<Complex<f64>>],
         outputs: &[Vec<Complex<f64>>],
     ) -> Self {
-        let (n_ports, len) = (inputs.len(), lanes::list_len(values.len()));
-        let (mut early, mut late) = (Rows::zero(2 * n_ports, len), Rows::zero(2 * n_ports, len));
-        for (port, weights) in outputs.iter().enumerate() {
-            early.set(port, weights);
-            late.set(n_ports + port, weights);
+        let (n_out, len) = (outputs.len(), lanes::list_len(values.len()));
+        let (mut early, mut late) = (Rows::zero(2 * n_out, len), Rows::zero(2 * n_out, len));
+        for (i, weights) in outputs.iter().enumerate() {
+            early.set(i, weights);
+            late.set(n_out + i, weights);
         }
         Self {
-            n_ports,
+            n_in: inputs.len(),
+            n_out,
             lambda: lanes::list(values),
             largest: values.iter().map(|value| value.norm()).fold(0.0, f64::max),
             inputs: inputs.iter().map(|input| lanes::list(input)).collect(),
@@ -84,9 +87,9 @@ impl Ported {
         }
     }
 
-    /// Displacements of all ports now, into the first numbers of `out`.
+    /// What is read of a free motion, into the first numbers of `out`.
     #[inline(always)]
-    pub(super) fn displacements<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
+    pub(super) fn read<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
         self.early.times(simd, list, out);
     }
 }
@@ -94,19 +97,19 @@ impl Ported {
 impl StepMap {
     /// Room for the maps of `ported`.
     pub(super) fn new(ported: &Ported) -> Self {
-        let (n, len) = (ported.n_ports, ported.lambda.len());
-        let square = || vec![0.0; n * n];
+        let (n_in, n_out, len) = (ported.n_in, ported.n_out, ported.lambda.len());
+        let table = || vec![0.0; n_in * n_out];
         Self {
             whole: vec![0.0; len],
-            free: Rows::zero(2 * n, len),
-            columns: vec![0.0; 3 * n * len],
-            stage: square(),
-            carried: square(),
-            weighted: [square(), square(), square()],
+            free: Rows::zero(2 * n_out, len),
+            columns: vec![0.0; 3 * n_in * len],
+            stage: table(),
+            carried: table(),
+            weighted: [table(), table(), table()],
             half: vec![0.0; len],
             half_force: vec![0.0; len],
             column: vec![0.0; len],
-            sums: vec![[0.0; WIDTH]; (2 * n).div_ceil(WIDTH)],
+            sums: vec![[0.0; WIDTH]; (2 * n_out).div_ceil(WIDTH)],
             powers: [vec![0.0; len], vec![0.0; len], vec![0.0; len]],
         }
     }
@@ -116,7 +119,7 @@ impl StepMap {
     pub(super) fn set<S: Simd>(&mut self, simd: S, ported: &Ported, step_s: f64) {
         self.functions(simd, ported, step_s);
         self.rows(simd, ported);
-        for port in 0..ported.n_ports {
+        for port in 0..ported.n_in {
             self.port(simd, ported, port);
         }
     }
@@ -191,10 +194,10 @@ impl StepMap {
         }
     }
 
-    /// What a force at one port does to the coordinates and to all ports.
+    /// What a force at one port does to the coordinates and to all that is read.
     #[inline(always)]
     fn port<S: Simd>(&mut self, simd: S, ported: &Ported, port: usize) {
-        let n = ported.n_ports;
+        let (n_in, n) = (ported.n_in, ported.n_out);
         let input = &ported.inputs[port];
         let at = |from: usize| port * n + from;
         product(simd, &self.half_force, input, &mut self.column);
@@ -206,9 +209,9 @@ impl StepMap {
         self.carried[at(0)..at(n)].copy_from_slice(&sums[..n]);
         for kind in 0..3 {
             product(simd, &self.powers[kind], input, &mut self.column);
-            let place = (kind * n + port) * GROUP;
+            let place = (kind * n_in + port) * GROUP;
             for (g, group) in self.column.chunks_exact(GROUP).enumerate() {
-                let start = g * 3 * n * GROUP + place;
+                let start = g * 3 * n_in * GROUP + place;
                 self.columns[start..start + GROUP].copy_from_slice(group);
             }
             ported.early.times(simd, &self.column, &mut self.sums);
