@@ -222,13 +222,10 @@ fn the_command_names_the_bearing_and_repeats_itself_bit_by_bit() {
 #[test]
 fn what_is_wrong_is_told_and_nothing_is_written() {
     let dir = tempfile::tempdir().unwrap();
-    let unknown = simulate(&["simulate", "GG_GS_GB", "--out", "x.h5"], dir.path());
+    let unknown = simulate(&["simulate", "GX_GS_GB", "--out", "x.h5"], dir.path());
     let text = String::from_utf8_lossy(&unknown.stderr);
     assert_eq!(unknown.status.code(), Some(2));
-    assert!(
-        text.contains("built in are seed-bearing-40hz, ") && text.contains("seed-bow-2hz"),
-        "{text}"
-    );
+    assert!(text.contains("built in are BG_BS_BB, ") && text.contains("seed-bow-2hz"), "{text}");
     std::fs::write(dir.path().join("s.toml"), "[scene]\nname = 'a'\nlength = 3\n").unwrap();
     for command in [&["simulate", "s.toml", "--out", "x.h5"][..], &["check", "s.toml"]] {
         let wrong = simulate(command, dir.path());
