@@ -89,14 +89,14 @@ impl Plan {
 
 /// A model with the plane it was reduced from.
 #[derive(Debug, Clone)]
-pub(super) struct Built {
+pub(in crate::simulator) struct Built {
     pub(super) plane: Plane,
     pub(super) model: Model,
     pub(super) plan: Plan,
 }
 
 /// Builds a scene.
-pub(super) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
+pub(in crate::simulator) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     let n_spans = rotor(scene, 1).assemble().nodes_m.len() - 1;
     let chosen = u32::try_from(ELEMENTS.div_ceil(n_spans)).unwrap_or(1);
     let mut elements = scene.modes.elements_per_span.unwrap_or(chosen);

@@ -239,3 +239,30 @@ fn a_spectrum_carries_the_state_as_the_matrix_exponential() {
     let defective = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, 0.0]);
     assert!(Spectrum::of(&defective).is_none());
 }
+
+/// A built-in scene's model, with watches of its first two bearings.
+fn built(name: &str) -> Model {
+    let text = crate::simulator::scene::builtin::text(name).unwrap();
+    let scene = crate::simulator::scene::Scene::parse(text, name).unwrap();
+    crate::simulator::build::build(&scene).unwrap().model
+}
+
+#[test]
+fn meshes_go_the_same_way_together_and_parting() {
+    for name in ["GG_GS_GB", "BG_GS_GB", "BG_BS_BB"] {
+        let model = built(name);
+        // 20 ms from rest: the load sets in at once and the teeth part and meet.
+        let found = fast(port_run(&model, 2.5e-6), 8000, 4);
+        let expected = slow(&model, 2.5e-6, 8000, 4);
+        let gaps = differences(&found, &expected);
+        println!("{name}: {gaps:?}");
+        for step_us in [5.0, 10.0, 20.0] {
+            let every = 20.0 / step_us;
+            let f = fast(port_run(&model, step_us * 1e-6), (1000.0 * every) as usize, every as usize);
+            let reference: Vec<Vec<f64>> = found.iter().map(|l| l.iter().step_by(2).copied().collect()).collect();
+            println!("  {step_us} {:?}", differences(&f, &reference));
+            let f = slow(&model, step_us * 1e-6, (1000.0 * every) as usize, every as usize);
+            println!("  slow {step_us} {:?}", differences(&f, &reference));
+        }
+    }
+}
