@@ -23,4 +23,5 @@ pub mod linear;
 pub mod scene;
 pub mod build;
 pub mod simulation;
+pub mod scenario;
 pub mod explain;

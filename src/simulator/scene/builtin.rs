@@ -2,6 +2,7 @@
 
 /// Name and text of every scene, by name.
 const SCENES: &[(&str, &str)] = &[
+    ("demo", include_str!("../../../config/scenes/demo.toml")),
     ("seed-bearing-40hz", include_str!("../../../config/scenes/seed-bearing-40hz-3.toml")),
     ("seed-bearing-40hz-0", include_str!("../../../config/scenes/seed-bearing-40hz-0.toml")),
     ("seed-bearing-40hz-1", include_str!("../../../config/scenes/seed-bearing-40hz-1.toml")),
