@@ -227,6 +227,7 @@ impl Service {
         };
         let handle = MachineHandle {
             recording: None,
+            simulation: None,
             machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
             view: receiver,
             submit: Arc::new(submit),

@@ -19,7 +19,7 @@ pub mod openapi;
 pub mod completions;
 pub mod man;
 
-use crate::app::source::with_causes;
+use crate::app::outlet::with_causes;
 use crate::telemetry;
 use crate::telemetry::LogFormat;
 use clap::Parser;
