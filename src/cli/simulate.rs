@@ -42,8 +42,8 @@ Examples:
   rotorwatch diagnose bad.h5
 
 SCENE is a scene file (docs/simulator.md) or a built-in scene: seed-bearing-40hz (which is -3),
-seed-bearing-40hz-0 to -3 (the damaged bearings of the source, 0 is healthy), seed-bow-2hz. Same scene
-and same seed give the same capture, bit by bit.
+seed-bearing-40hz-0 to -3 (the damaged bearings of the source, 0 is healthy), seed-bow-2hz, demo (the
+healthy rig of `rotorwatch demo`). Same scene and same seed give the same capture, bit by bit.
 
 Exit codes: 0 done; 2 the scene has mistakes or the capture could not be written.";
 
@@ -199,6 +199,16 @@ fn cost(scene: &Scene, seed: u64) -> Result<String, SimulateError> {
 
 fn trial_is_cheap(scene: &Scene) -> bool {
     !scene.has_contacts() && matches!(scene.speed, SpeedProfile::Constant(_))
+}
+
+/// Runs the whole scene into a capture, without showing how far it is.
+pub(super) fn record(
+    scene: &Scene,
+    machine: Option<String>,
+    seed: u64,
+    out: &Path,
+) -> Result<(), SimulateError> {
+    write(&mut Simulation::new(scene, seed)?, (machine, seed), out, &mut |_| ())
 }
 
 /// Runs the whole scene into a capture.

@@ -209,7 +209,7 @@ fn one_source_a_machine() {
 #[test]
 fn what_a_file_does_not_say_its_source_says() {
     let config = load_text(&format!("{RIG}rate_hz = 12000\nunit = \"g\"\n"), &[]).unwrap();
-    let SourceConfig::Replay(replay) = &config.machines[0].source;
+    let SourceConfig::Replay(replay) = &config.machines[0].source else { panic!("a replay") };
     let hints = (replay.hints.rate, replay.hints.unit.as_deref());
     assert_eq!(hints, (Some(Hz(12_000.0)), Some("g")));
     let found = mistakes(&format!("{RIG}rate_hz = 0\nunit = \"furlong\"\n"), &[]);
