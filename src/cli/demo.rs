@@ -191,6 +191,8 @@ fn reference(error: SimulateError) -> DemoError {
 fn configuration(scenario: &str) -> String {
     format!(
         "# The daemon's configuration of `rotorwatch demo`; `rotorwatch serve --config` takes it too.\n\
+         # A window that saw a change of scenario may accuse too much: alarms wait for the next two.\n\
+         [alarms]\non_delay_s = 10.0\n\n\
          [[machine]]\nfile = \"{MACHINE}\"\nbaseline = [\"{REFERENCE}\"]\n\n\
          [[source]]\nkind = \"simulated\"\nmachine = \"rig-1\"\nscene = \"{SCENE_FILE}\"\n\
          scenario = \"{scenario}\"\nspeed = 1.0\n"

@@ -67,7 +67,7 @@ pub enum ScenarioError {
     /// A fault's number or place is not allowed.
     #[error("{place}: found {found}, allowed: {allowed}")]
     Fault {
-        /// Which fault and key, such as `faults[0].width_mm`.
+        /// Which fault and key, such as `inner_race of right, width_mm`.
         place: String,
         /// What was found.
         found: String,
@@ -132,26 +132,25 @@ pub fn name_of(scene: &Scene, faults: &Faults) -> Option<&'static str> {
 }
 
 fn check(scene: &Scene, faults: &Faults) -> Result<(), ScenarioError> {
-    for (i, (id, defect)) in faults.defects.iter().enumerate() {
-        check_defect(scene, i, id, defect)?;
+    for (id, defect) in &faults.defects {
+        check_defect(scene, id, defect)?;
     }
     if let Some(bow) = &faults.bow {
         let amplitude_m = amplitude_m(&bow.shape);
-        let place = format!("faults[{}]", faults.defects.len());
         let found = format!("{} um", amplitude_m * 1e6);
-        inside(amplitude_m, LARGEST_M, &format!("{place} (bow).amplitude_um"), found)?;
-        finite(bow.angle_rad, &format!("{place} (bow).angle_deg"))?;
+        inside(amplitude_m, LARGEST_M, "bow, amplitude_um", found)?;
+        finite(bow.angle_rad, "bow, angle_deg")?;
     }
     Ok(())
 }
 
-fn check_defect(
-    scene: &Scene,
-    i: usize,
-    id: &str,
-    defect: &SceneDefect,
-) -> Result<(), ScenarioError> {
-    let place = |key: &str| format!("faults[{i}].{key}");
+fn check_defect(scene: &Scene, id: &str, defect: &SceneDefect) -> Result<(), ScenarioError> {
+    let fault = match defect.place {
+        DefectPlace::InnerRace => "inner_race",
+        DefectPlace::OuterRace => "outer_race",
+        DefectPlace::Element(_) => "rolling_element",
+    };
+    let place = |key: &str| format!("{fault} of {id}, {key}");
     let Some((_, ball)) = scene.ball_bearings().find(|(known, _)| *known == id) else {
         let known: Vec<&str> = scene.ball_bearings().map(|(id, _)| id).collect();
         let allowed = match &known[..] {

@@ -61,21 +61,28 @@ fn numbers_out_of_range_are_refused_at_their_place() {
     let told = |faults| listed(&scene, faults).unwrap_err().to_string();
     let d = BAD_BEARING;
     // π·(33.5 − 7.9375) mm between eleven balls.
-    let widest = "faults[0].width_mm: found 7.4 mm, allowed: above 0 and below 7.301 mm";
+    let widest = "inner_race of right, width_mm: found 7.4 mm, allowed: above 0 and below 7.301 mm";
     assert_eq!(told(one(SceneDefect { width_m: 7.4e-3, ..d })), widest);
     for width_m in [0.0, -1e-3, f64::NAN, f64::INFINITY] {
-        assert!(told(one(SceneDefect { width_m, ..d })).starts_with("faults[0].width_mm"));
+        assert!(
+            told(one(SceneDefect { width_m, ..d })).starts_with("inner_race of right, width_mm")
+        );
     }
-    assert!(told(one(SceneDefect { depth_m: 0.2, ..d })).starts_with("faults[0].depth_um"));
-    assert!(told(one(SceneDefect { angle_rad: f64::NAN, ..d })).starts_with("faults[0].angle_deg"));
+    assert!(
+        told(one(SceneDefect { depth_m: 0.2, ..d })).starts_with("inner_race of right, depth_um")
+    );
+    assert!(
+        told(one(SceneDefect { angle_rad: f64::NAN, ..d }))
+            .starts_with("inner_race of right, angle_deg")
+    );
     let ball = SceneDefect { place: DefectPlace::Element(11), ..d };
-    assert_eq!(told(one(ball)), "faults[0].ball: found 11, allowed: 0 to 10");
+    assert_eq!(told(one(ball)), "rolling_element of right, ball: found 11, allowed: 0 to 10");
     let elsewhere = Faults { defects: vec![("middle".to_owned(), d)], bow: None };
     assert!(told(elsewhere).ends_with("a ball bearing of the scene: left, right"));
     for amplitude_m in [0.0, -1e-3, 0.1, f64::NAN] {
         let bow = Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } };
         let bent = Faults { defects: Vec::new(), bow: Some(bow) };
-        assert!(told(bent).starts_with("faults[0] (bow).amplitude_um"));
+        assert!(told(bent).starts_with("bow, amplitude_um"));
     }
 }
 
