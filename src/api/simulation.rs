@@ -3,7 +3,7 @@
 use super::error::ApiError;
 use super::extract::Body;
 use super::state::{ApiState, newest};
-use super::view::{MachineHandle, ScenarioRequest, SimulationHandle};
+use super::view::{MachineHandle, NotTaken, ScenarioRequest, SimulationHandle};
 use super::wire::problem::ProblemWire;
 use super::wire::simulation::{ScenarioBody, SimulationListWire, SimulationWire};
 use crate::simulator::scenario::ScenarioError;
@@ -29,7 +29,7 @@ pub(super) async fn scenarios(
     let items: Vec<SimulationWire> = simulated(&state)
         .map(|(id, handle, simulation)| {
             let status = Arc::clone(&simulation.view.borrow());
-            SimulationWire::new(id, &status, newest(handle).start_time)
+            SimulationWire::new(id, &status, &newest(handle))
         })
         .collect();
     if items.is_empty() { Err(none_simulated()) } else { Ok(Json(SimulationListWire { items })) }
@@ -47,7 +47,7 @@ pub(super) async fn scenarios(
         (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json",
          description = "No machine is simulated, or no machine has the id"),
         (status = CONFLICT, body = ProblemWire, content_type = "application/problem+json",
-         description = "The machine is not simulated"),
+         description = "The machine is not simulated, or its simulation has ended"),
         (status = PAYLOAD_TOO_LARGE, body = ProblemWire, content_type = "application/problem+json"),
         (status = UNSUPPORTED_MEDIA_TYPE, body = ProblemWire,
          content_type = "application/problem+json"),
@@ -62,17 +62,20 @@ pub(super) async fn change(
     let (id, handle, simulation) = chosen(&state, body.machine.as_deref())?;
     let (wanted, grow_s) = body.wanted().map_err(ApiError::Invalid)?;
     let (reply, answer) = oneshot::channel();
-    (simulation.submit)(ScenarioRequest { wanted, grow_s, reply })
-        .map_err(|_| ApiError::Busy("other scenarios are waiting"))?;
+    let ended = || ApiError::Conflict(format!("the simulation of {id:?} has ended"));
+    (simulation.submit)(ScenarioRequest { wanted, grow_s, reply }).map_err(
+        |refused| match refused {
+            NotTaken::Busy => ApiError::Busy("other scenarios are waiting"),
+            NotTaken::Ended => ended(),
+        },
+    )?;
     let changed = match tokio::time::timeout(state.settings.reply_timeout, answer).await {
         Ok(Ok(changed)) => changed,
-        Ok(Err(_)) => {
-            return Err(ApiError::Conflict(format!("the simulation of {id:?} has ended")));
-        }
+        Ok(Err(_)) => return Err(ended()),
         Err(_) => return Err(ApiError::Timeout),
     };
     let status = changed.map_err(|error: ScenarioError| ApiError::Invalid(error.to_string()))?;
-    Ok(Json(SimulationWire::new(id, &status, newest(handle).start_time)))
+    Ok(Json(SimulationWire::new(id, &status, &newest(handle))))
 }
 
 type Simulated<'s> = (&'s str, &'s MachineHandle, &'s SimulationHandle);

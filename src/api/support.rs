@@ -3,7 +3,7 @@
 use super::router;
 use super::state::{ApiState, Settings};
 use super::view::{
-    AlarmHistory, MachineHandle, MachineView, ScenarioRequest, ShardBusy, ShardRequest,
+    AlarmHistory, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy, ShardRequest,
     SimulationHandle, SourceState, Trend, Waveform,
 };
 use crate::alarms::{self, AlarmEngine};
@@ -305,7 +305,8 @@ fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
         let _kept = &publisher;
         let ScenarioRequest { wanted, grow_s, reply } = request;
         let answer = match wanted {
-            _ if behaviour == Behaviour::Full => return Err(ShardBusy),
+            _ if behaviour == Behaviour::Full => return Err(NotTaken::Busy),
+            _ if behaviour == Behaviour::Silent => return Err(NotTaken::Ended),
             Wanted::Combination(name) if name == "GG_GS_BB" => {
                 let grown_at_s = 12.0 + grow_s;
                 let scenario = Some("GG_GS_BB");

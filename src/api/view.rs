@@ -167,13 +167,22 @@ pub struct ScenarioRequest {
     pub reply: oneshot::Sender<Result<Arc<Status>, ScenarioError>>,
 }
 
+/// Why a simulated source did not take a scenario.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotTaken {
+    /// As many as may be are waiting.
+    Busy,
+    /// The source has ended.
+    Ended,
+}
+
 /// A simulated source as the API sees it.
 #[derive(Clone)]
 pub struct SimulationHandle {
     /// How it is doing.
     pub view: watch::Receiver<Arc<Status>>,
     /// Asks it for another scenario.
-    pub submit: Arc<dyn Fn(ScenarioRequest) -> Result<(), ShardBusy> + Send + Sync>,
+    pub submit: Arc<dyn Fn(ScenarioRequest) -> Result<(), NotTaken> + Send + Sync>,
 }
 
 impl std::fmt::Debug for SimulationHandle {

@@ -5,8 +5,8 @@ use super::outlet::Outlet;
 use super::outlet::with_causes;
 use super::recording::Recording;
 use super::stop::Stop;
+use crate::api::view::NotTaken;
 use crate::api::view::ScenarioRequest;
-use crate::api::view::ShardBusy;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
 use crate::ingest::simulated;
@@ -35,7 +35,12 @@ impl Desk {
     pub fn new(source: &Source, metrics: SimulationMetrics) -> (Self, SimulationHandle) {
         let (sender, requests) = mpsc::sync_channel(MAX_WAITING);
         let (publisher, view) = watch::channel(Arc::new(source.status()));
-        let submit = Arc::new(move |request| sender.try_send(request).map_err(|_| ShardBusy));
+        let submit = Arc::new(move |request| {
+            sender.try_send(request).map_err(|refused| match refused {
+                mpsc::TrySendError::Full(_) => NotTaken::Busy,
+                mpsc::TrySendError::Disconnected(_) => NotTaken::Ended,
+            })
+        });
         (Self { requests, publisher, metrics }, SimulationHandle { view, submit })
     }
 

@@ -111,11 +111,13 @@ function showSimulation(simulation) {
     byId("scenario").value = simulation.scenario ?? "";
   });
   const pace =
-    simulation.speed === null
-      ? "as fast as it is analysed"
-      : simulation.keeps_pace
-        ? `keeps ${short(simulation.speed)} × real time`
-        : "does not keep up with its pace";
+    simulation.source === "failed"
+      ? "ended by an error"
+      : simulation.speed === null
+        ? "as fast as it is analysed"
+        : simulation.keeps_pace
+          ? `keeps ${short(simulation.speed)} × real time`
+          : "does not keep up with its pace";
   const behind = simulation.lag_given_up_s > 0 ? `, ${short(simulation.lag_given_up_s)} s behind` : "";
   const present = simulation.present.map(faultText).join("; ") || "nothing";
   byId("simulation-note").textContent =

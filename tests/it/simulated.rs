@@ -247,6 +247,34 @@ fn a_killed_daemon_begins_anew_and_what_it_recorded_is_the_simulation() {
     }
 }
 
+#[test]
+fn a_motion_without_bound_fails_its_own_machine_only() {
+    let dir = folder("", &["rig-1"]);
+    // Contacts far too stiff for the step: no scene of this world.
+    let contact = "conformity = 0.52\nyoung_gpa = 206.8\npoisson = 0.3\n";
+    let text = builtin::text("demo").unwrap();
+    assert!(text.contains(contact) && text.contains("start = \"rotating\""));
+    let stiff = text.replace(contact, "contact_factor_n_per_m1_5 = 1e14\n");
+    let stiff = stiff.replace("start = \"rotating\"", "start = \"rest\"");
+    fs::write(dir.path().join("stiff.toml"), stiff).unwrap();
+    fs::write(dir.path().join("rig-2.toml"), machine("rig-2")).unwrap();
+    let second = "[[machine]]\nfile = \"rig-2.toml\"\n[[source]]\nkind = \"simulated\"\n\
+                  machine = \"rig-2\"\nscene = \"stiff.toml\"\n";
+    let config = fs::read_to_string(dir.path().join("serve.toml")).unwrap() + second;
+    fs::write(dir.path().join("serve.toml"), config).unwrap();
+    let daemon = Daemon::start_in(dir);
+    support::wait_until("the failure", || (daemon.source_of("rig-2") == "failed").then_some(()));
+    let (_, health) = daemon.get_json("/api/v1/machines/rig-2/health");
+    let reason = health["data"]["reason"].as_str().unwrap();
+    assert!(reason.contains("the motion grew without bound"), "{reason}");
+    assert_eq!(simulation(&daemon, "rig-2")["source"], "failed");
+    let ended = json!({ "machine": "rig-2", "scenario": "GG_GS_GB" });
+    assert_eq!(daemon.post_json(PATH, &ended).0, 409);
+    let bent = json!({ "machine": "rig-1", "scenario": "GG_BS_GB" });
+    assert_eq!(daemon.post_json(PATH, &bent).0, 200);
+    wait_for_shaft(&daemon, "rig-1", "damaged", Some("bow"));
+}
+
 fn copy(from: &Path, to: &Path) {
     for entry in fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();

@@ -37,4 +37,6 @@ async fn what_cannot_be_is_refused_with_its_status() {
     let full = Service::with(Behaviour::Full, |_| {});
     let good = r#"{ "scenario": "GG_GS_BB" }"#;
     assert!(full.post(PATH, good).await.problem(503).contains("other scenarios"));
+    let ended = Service::with(Behaviour::Silent, |_| {});
+    assert_eq!(ended.post(PATH, good).await.problem(409), "the simulation of \"rig-1\" has ended");
 }

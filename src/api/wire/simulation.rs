@@ -4,9 +4,10 @@
 //! and a line in each of its two conversions.
 
 use super::finite;
+use super::machines::source_text;
 use super::rfc3339;
+use crate::api::view::MachineView;
 use crate::ingest::simulated::Status;
-use crate::signal::Timestamp;
 use crate::simulator::contact::DefectPlace;
 use crate::simulator::scenario::Wanted;
 use crate::simulator::scenario::amplitude_m;
@@ -134,6 +135,8 @@ pub struct SimulationListWire {
 pub struct SimulationWire {
     /// Machine id.
     pub machine: String,
+    /// starting, running or failed.
+    pub source: String,
     /// Name of the scene.
     pub scene: String,
     /// The combination asked for; null if the faults are none of them.
@@ -294,16 +297,17 @@ fn tidy(value: f64) -> f64 {
 impl SimulationWire {
     /// Makes the entry of a machine.
     #[must_use]
-    pub fn new(machine: &str, status: &Status, start: Option<Timestamp>) -> Self {
+    pub fn new(machine: &str, status: &Status, view: &MachineView) -> Self {
         let paced = status.speed.is_some();
         Self {
             machine: machine.to_owned(),
+            source: source_text(&view.source).0.to_owned(),
             scene: status.scene.clone(),
             scenario: status.scenario.map(str::to_owned),
             scenarios: status.possible.iter().map(|name| (*name).to_owned()).collect(),
             faults: listed(&status.wanted),
             present: listed(&status.present),
-            since: rfc3339(start, status.since_s),
+            since: rfc3339(view.start_time, status.since_s),
             since_s: status.since_s,
             growing: status.present != status.wanted,
             grown_at_s: status.grown_at_s,
