@@ -17,7 +17,6 @@ pub mod simulator;
 pub mod capture;
 pub mod offline;
 pub mod ingest;
-pub mod demo;
 pub mod api;
 pub mod dashboard;
 pub mod config;

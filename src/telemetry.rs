@@ -13,6 +13,7 @@ use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 use std::fmt;
 use std::io;
+use std::sync::atomic::AtomicU64;
 use tracing_subscriber::EnvFilter;
 
 /// Environment variable that says what is logged, such as `debug` or `rotorwatch::app=trace`.
@@ -119,6 +120,17 @@ pub struct RecordingMetrics {
     pub bytes: Gauge,
 }
 
+/// Gauges of a simulated source.
+#[derive(Debug, Clone, Default)]
+pub struct SimulationMetrics {
+    /// Simulated time, s.
+    pub simulated_s: Gauge<f64, AtomicU64>,
+    /// How late the newest block was, s.
+    pub lag_s: Gauge<f64, AtomicU64>,
+    /// Lag given up since the start, s.
+    pub given_up_s: Gauge<f64, AtomicU64>,
+}
+
 /// All metrics, by name.
 pub struct Metrics {
     registry: Registry,
@@ -137,6 +149,9 @@ pub struct Metrics {
     recordings_removed: Family<MachineLabels, Counter>,
     recordings: Family<MachineLabels, Gauge>,
     recording_bytes: Family<MachineLabels, Gauge>,
+    simulated: Family<MachineLabels, Gauge<f64, AtomicU64>>,
+    simulation_lag: Family<MachineLabels, Gauge<f64, AtomicU64>>,
+    simulation_given_up: Family<MachineLabels, Gauge<f64, AtomicU64>>,
 }
 
 impl fmt::Debug for Metrics {
@@ -175,6 +190,9 @@ impl Metrics {
             recordings_removed: Family::default(),
             recordings: Family::default(),
             recording_bytes: Family::default(),
+            simulated: Family::default(),
+            simulation_lag: Family::default(),
+            simulation_given_up: Family::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -203,6 +221,7 @@ impl Metrics {
         );
         registry.register("queue_bytes", "Blocks waiting for a shard", m.queue_bytes.clone());
         metrics.register_recording(&mut registry);
+        metrics.register_simulation(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -230,6 +249,31 @@ impl Metrics {
             "Bytes of the recordings in the store",
             self.recording_bytes.clone(),
         );
+    }
+
+    fn register_simulation(&self, registry: &mut Registry) {
+        registry.register("simulated_seconds", "Simulated time", self.simulated.clone());
+        registry.register(
+            "simulation_lag_seconds",
+            "How late the newest block of a paced simulation was",
+            self.simulation_lag.clone(),
+        );
+        registry.register(
+            "simulation_lag_given_up_seconds",
+            "Lag that a paced simulation gave up since the start",
+            self.simulation_given_up.clone(),
+        );
+    }
+
+    /// Gauges of a simulated source.
+    #[must_use]
+    pub fn simulation(&self, machine: &str) -> SimulationMetrics {
+        let labels = MachineLabels { machine: machine.to_owned() };
+        SimulationMetrics {
+            simulated_s: self.simulated.get_or_create_owned(&labels),
+            lag_s: self.simulation_lag.get_or_create_owned(&labels),
+            given_up_s: self.simulation_given_up.get_or_create_owned(&labels),
+        }
     }
 
     /// Counters of what is recorded of a machine.
@@ -318,6 +362,10 @@ mod tests {
         recording.files.set(3);
         recording.bytes.set(4000);
         metrics.queue_bytes(0).set(4096);
+        let simulation = metrics.simulation("rig-1");
+        simulation.simulated_s.set(12.5);
+        simulation.lag_s.set(0.25);
+        simulation.given_up_s.set(1.5);
         let text = metrics.encode();
         for line in [
             concat!("rotorwatch_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\"} 1"),
@@ -337,6 +385,9 @@ mod tests {
             "rotorwatch_recordings{machine=\"rig-1\"} 3",
             "rotorwatch_recording_bytes{machine=\"rig-1\"} 4000",
             "rotorwatch_queue_bytes{shard=\"0\"} 4096",
+            "rotorwatch_simulated_seconds{machine=\"rig-1\"} 12.5",
+            "rotorwatch_simulation_lag_seconds{machine=\"rig-1\"} 0.25",
+            "rotorwatch_simulation_lag_given_up_seconds{machine=\"rig-1\"} 1.5",
             "# EOF",
         ] {
             assert!(text.lines().any(|l| l == line), "{line}\nnot in\n{text}");

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::path::PathBuf;
 
 /// Letters of the equation series in docs/theory.md.
-const SERIES: &str = "KDFCSJMR";
+const SERIES: &str = "KDFCSJR";
 
 /// A source file: its path in modules (`["dsp", "stats"]`) and its text.
 struct Source {

@@ -28,8 +28,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("simulator", &["units", "signal", "machine"]),
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
-    ("ingest", &["units", "signal", "machine", "capture"]),
-    ("demo", &["units", "machine", "capture"]),
+    ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     (
         "api",
         &[
@@ -42,7 +41,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "diagnosis",
             "alarms",
             "pipeline",
+            "simulator",
             "capture",
+            "ingest",
         ],
     ),
     ("dashboard", &[]),
@@ -56,6 +57,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "diagnosis",
             "alarms",
             "pipeline",
+            "simulator",
             "capture",
             "ingest",
             "api",

@@ -17,6 +17,7 @@ mod spectra;
 mod cwt;
 mod alarms;
 mod service;
+mod simulation;
 #[cfg(test)]
 mod support;
 #[cfg(test)]
@@ -53,6 +54,7 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
         (name = "machines", description = "Machines and their health"),
         (name = "signals", description = "Waveforms, spectra, scalograms, trends"),
         (name = "alarms", description = "Alarms and operators' acts"),
+        (name = "simulation", description = "Simulated sources and their damage"),
     ),
 )]
 struct Document;
@@ -77,6 +79,7 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(alarms::history))
         .routes(routes!(alarms::show))
         .routes(routes!(alarms::acknowledge))
+        .routes(routes!(simulation::scenarios, simulation::change))
 }
 
 /// `/livez` answers whatever the load.

@@ -3,6 +3,7 @@
 use super::error::ApiError;
 use super::state::{ApiState, newest};
 use super::view::{RecordingView, SourceState};
+use super::wire::finite;
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
@@ -72,6 +73,7 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
     let streams = state.machines.iter().map(|(id, handle)| {
         let view = newest(handle);
         let (source, reason) = source_text(&view.source);
+        let lag = handle.simulation.as_ref().map(|simulation| simulation.view.borrow().lag);
         let sum = |count: fn(&crate::buffer::RingStatus) -> u64| view.rings.iter().map(count).sum();
         StreamWire {
             machine: id.clone(),
@@ -85,6 +87,8 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             gaps: sum(|ring| ring.gaps),
             duplicated: sum(|ring| ring.duplicated),
             clipped: sum(|ring| ring.clipped),
+            simulation_lag_s: lag.and_then(|lag| finite(lag.now_s)),
+            simulation_lag_given_up_s: lag.and_then(|lag| finite(lag.given_up_s)),
             recording: handle.recording.as_ref().map(|view| recording(&view.borrow())),
         }
     });

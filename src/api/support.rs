@@ -3,7 +3,8 @@
 use super::router;
 use super::state::{ApiState, Settings};
 use super::view::{
-    AlarmHistory, MachineHandle, MachineView, ShardBusy, ShardRequest, SourceState, Trend, Waveform,
+    AlarmHistory, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy, ShardRequest,
+    SimulationHandle, SourceState, Trend, Waveform,
 };
 use crate::alarms::{self, AlarmEngine};
 use crate::buffer::RingStatus;
@@ -14,8 +15,11 @@ use crate::diagnosis::verdict::{
 };
 use crate::features::speed::SpeedSource;
 use crate::features::{ChannelFeatures, Feature};
+use crate::ingest::simulated::{Lag, Status};
 use crate::machine::file;
 use crate::signal::{ChannelIndex, ChannelInfo, SampleIndex, Timestamp};
+use crate::simulator::scenario::{ScenarioError, Wanted};
+use crate::simulator::scene::Faults;
 use crate::units::{Hz, Unit};
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
@@ -227,6 +231,7 @@ impl Service {
         };
         let handle = MachineHandle {
             recording: None,
+            simulation: Some(sample_simulation(behaviour)),
             machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
             view: receiver,
             submit: Arc::new(submit),
@@ -276,6 +281,45 @@ impl Service {
         let body = to_bytes(body, usize::MAX).await.unwrap();
         Answer { status: parts.status, headers: parts.headers, body }
     }
+}
+
+/// A simulated source that takes combinations of a bad bearing only.
+fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
+    let status = Status {
+        scene: "demo".to_owned(),
+        scenario: Some("GG_GS_GB"),
+        possible: vec!["GG_GS_GB", "GG_GS_BB"],
+        wanted: Faults::default(),
+        present: Faults::default(),
+        since_s: 2.0,
+        grown_at_s: 2.0,
+        simulated_s: 12.0,
+        speed: Some(1.0),
+        lag: Lag::default(),
+        keeps_pace: true,
+        warnings: Vec::new(),
+    };
+    let (publisher, view) = watch::channel(Arc::new(status.clone()));
+    let submit = move |request: ScenarioRequest| {
+        // Kept with its owner, so that the snapshot stays readable.
+        let _kept = &publisher;
+        let ScenarioRequest { wanted, grow_s, reply } = request;
+        let answer = match wanted {
+            _ if behaviour == Behaviour::Full => return Err(NotTaken::Busy),
+            _ if behaviour == Behaviour::Silent => return Err(NotTaken::Ended),
+            Wanted::Combination(name) if name == "GG_GS_BB" => {
+                let grown_at_s = 12.0 + grow_s;
+                let scenario = Some("GG_GS_BB");
+                Ok(Arc::new(Status { scenario, since_s: 12.0, grown_at_s, ..status.clone() }))
+            }
+            Wanted::Combination(_) | Wanted::Faults(_) => {
+                Err(ScenarioError::Refused("not this one".to_owned()))
+            }
+        };
+        let _ = reply.send(answer);
+        Ok(())
+    };
+    SimulationHandle { view, submit: Arc::new(submit) }
 }
 
 async fn panics() -> String {

@@ -7,9 +7,12 @@ use crate::alarms::AlarmEvent;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
+use crate::ingest::simulated::Status;
 use crate::machine::Machine;
 use crate::signal::ChannelInfo;
 use crate::signal::Timestamp;
+use crate::simulator::scenario::ScenarioError;
+use crate::simulator::scenario::Wanted;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 use tokio::sync::watch;
@@ -153,6 +156,41 @@ pub struct RecordingView {
     pub n_removed: u64,
 }
 
+/// Somebody wants another scenario of a simulated source.
+#[derive(Debug)]
+pub struct ScenarioRequest {
+    /// What shall be damaged.
+    pub wanted: Wanted,
+    /// Simulated time over which it grows, s.
+    pub grow_s: f64,
+    /// How the source is doing then, or why not.
+    pub reply: oneshot::Sender<Result<Arc<Status>, ScenarioError>>,
+}
+
+/// Why a simulated source did not take a scenario.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotTaken {
+    /// As many as may be are waiting.
+    Busy,
+    /// The source has ended.
+    Ended,
+}
+
+/// A simulated source as the API sees it.
+#[derive(Clone)]
+pub struct SimulationHandle {
+    /// How it is doing.
+    pub view: watch::Receiver<Arc<Status>>,
+    /// Asks it for another scenario.
+    pub submit: Arc<dyn Fn(ScenarioRequest) -> Result<(), NotTaken> + Send + Sync>,
+}
+
+impl std::fmt::Debug for SimulationHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SimulationHandle").finish_non_exhaustive()
+    }
+}
+
 /// Hands a request to a shard.
 pub type Submit = Arc<dyn Fn(ShardRequest) -> Result<(), ShardBusy> + Send + Sync>;
 
@@ -165,6 +203,8 @@ pub struct MachineHandle {
     pub view: watch::Receiver<Arc<MachineView>>,
     /// What is recorded; `None` if nothing is.
     pub recording: Option<watch::Receiver<RecordingView>>,
+    /// The simulated source; `None` for every other.
+    pub simulation: Option<SimulationHandle>,
     /// Asks the machine's shard.
     pub submit: Submit,
 }

@@ -5,12 +5,14 @@ use super::link::Link;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::monitored::Opened;
+use super::outlet::with_causes;
 use super::recording;
 use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
-use super::source::with_causes;
+use super::simulated::Desk;
 use crate::api::view::MachineHandle;
+use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
 use crate::api::view::Submit;
 use crate::config::Config;
@@ -18,7 +20,9 @@ use crate::config::MachineConfig;
 use crate::config::SourceConfig;
 use crate::diagnosis::baseline::Baseline;
 use crate::ingest::replay;
+use crate::ingest::replay::Speed;
 use crate::ingest::replay::StreamInfo;
+use crate::ingest::simulated;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
@@ -63,6 +67,14 @@ pub enum StartError {
         /// Why.
         source: MonitorError,
     },
+    /// A scene cannot be simulated.
+    #[error("the source of machine {machine:?} cannot be simulated")]
+    Scene {
+        /// Machine id.
+        machine: String,
+        /// Why.
+        source: Box<simulated::OpenError>,
+    },
     /// A healthy capture cannot be measured.
     #[error("the baseline {} of machine {machine:?} cannot be used", file.display())]
     Baseline {
@@ -103,9 +115,25 @@ pub(super) struct ShardPlan {
 #[derive(Debug)]
 pub(super) struct SourcePlan {
     pub(super) machine: Arc<crate::machine::Machine>,
-    pub(super) settings: replay::Settings,
+    pub(super) work: Work,
     pub(super) link: Link,
     pub(super) recording: Option<Recording>,
+}
+
+/// What a source's thread does.
+#[derive(Debug)]
+pub(super) enum Work {
+    /// Plays a capture.
+    Replay(replay::Settings),
+    /// Runs a scene.
+    Simulate(Box<simulated::Source>, Desk),
+}
+
+/// A source that is open.
+#[derive(Debug)]
+struct Stream {
+    info: StreamInfo,
+    simulated: Option<Box<simulated::Source>>,
 }
 
 /// Everything before any thread starts.
@@ -123,7 +151,7 @@ pub(super) struct Plan {
 /// When memory does not suffice or a machine has no channel in its stream. A source that cannot be
 /// opened is no error: its machine is shown as failed, and the others are monitored.
 pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
-    let streams: Vec<_> = config.machines.iter().map(open).collect();
+    let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     let n_shards = n_shards(config);
     check_memory(config, &streams, n_shards)?;
     let metrics = Arc::new(Metrics::new());
@@ -149,16 +177,25 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         for note in &entry.machine.notes {
             tracing::warn!(machine = entry.machine.id, note, "machine file");
         }
-        let recorded = stream.as_ref().ok().zip(store.as_ref()).and_then(|(info, store)| {
+        let recorded = stream.as_ref().ok().zip(store.as_ref()).and_then(|(stream, store)| {
             let metrics = metrics.recording(&entry.machine.id);
-            Recording::new(config, entry, info, store, metrics)
+            Recording::new(config, entry, &stream.info, store, metrics)
         });
         let (recording, recording_view) = recorded.unzip();
-        let opened = monitor(config, entry, stream)?;
+        let (info, simulated) = match stream {
+            Ok(stream) => (Ok(stream.info), stream.simulated),
+            Err(reason) => (Err(reason), None),
+        };
+        let opened = monitor(config, entry, info)?;
+        let (work, simulation) = work(entry, simulated, &metrics);
         if opened.monitor.is_some() {
-            let SourceConfig::Replay(settings) = entry.source.clone();
             let machine = Arc::clone(&entry.machine);
-            sources.push(SourcePlan { machine, settings, link: link.clone(), recording });
+            sources.extend(work.map(|work| SourcePlan {
+                machine,
+                work,
+                link: link.clone(),
+                recording,
+            }));
         }
         let losses = Arc::clone(link.losses());
         let (monitored, view) =
@@ -169,6 +206,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             machine: Arc::clone(&entry.machine),
             view,
             recording: recording_view,
+            simulation,
             submit,
         });
     }
@@ -189,10 +227,44 @@ pub(super) fn configuration_hash(config: &Config) -> String {
 }
 
 /// Opens a machine's source for what is known before the first sample; or why it cannot be.
-fn open(entry: &MachineConfig) -> Result<StreamInfo, String> {
-    let SourceConfig::Replay(settings) = &entry.source;
-    let opened = replay::open(&settings.file, &entry.machine, &settings.hints);
-    opened.map(|stream| stream.info).map_err(|error| with_causes(&error))
+///
+/// # Errors
+/// A scene that cannot be built, as it is a mistake in a file.
+fn open(entry: &MachineConfig) -> Result<Result<Stream, String>, StartError> {
+    match &entry.source {
+        SourceConfig::Replay(settings) => {
+            let opened = replay::open(&settings.file, &entry.machine, &settings.hints);
+            let opened = opened.map(|stream| Stream { info: stream.info, simulated: None });
+            Ok(opened.map_err(|error| with_causes(&error)))
+        }
+        SourceConfig::Simulated(settings) => {
+            let source = simulated::Source::open(settings, &entry.machine).map_err(|source| {
+                StartError::Scene { machine: entry.machine.id.clone(), source: Box::new(source) }
+            })?;
+            // At the pace of the clock, times of the stream are times of the clock.
+            let is_live =
+                matches!(settings.speed, Speed::Times(factor) if (factor - 1.0).abs() < 1e-12);
+            let start_time = is_live.then(super::wall_clock);
+            let info = StreamInfo { start_time, ..source.info().clone() };
+            Ok(Ok(Stream { info, simulated: Some(Box::new(source)) }))
+        }
+    }
+}
+
+/// What the source's thread will do, and HTTP's way to a simulated one.
+fn work(
+    entry: &MachineConfig,
+    simulated: Option<Box<simulated::Source>>,
+    metrics: &Metrics,
+) -> (Option<Work>, Option<SimulationHandle>) {
+    match (&entry.source, simulated) {
+        (SourceConfig::Replay(settings), _) => (Some(Work::Replay(settings.clone())), None),
+        (SourceConfig::Simulated(_), Some(source)) => {
+            let (desk, handle) = Desk::new(&source, metrics.simulation(&entry.machine.id));
+            (Some(Work::Simulate(source, desk)), Some(handle))
+        }
+        (SourceConfig::Simulated(_), None) => (None, None),
+    }
 }
 
 /// Makes the monitor of a machine whose source could be opened.
@@ -242,19 +314,19 @@ fn n_shards(config: &Config) -> usize {
 }
 
 /// Samples a second of a stream, all channels together.
-fn load(stream: &Result<StreamInfo, String>) -> f64 {
-    let channels = stream.as_ref().map_or(&[][..], |info| &info.channels);
+fn load(stream: &Result<Stream, String>) -> f64 {
+    let channels = stream.as_ref().map_or(&[][..], |stream| &stream.info.channels);
     channels.iter().map(|channel| channel.sample_rate.0).sum()
 }
 
 /// Refuses to start when rings and queues would need more than the limit.
 fn check_memory(
     config: &Config,
-    streams: &[Result<StreamInfo, String>],
+    streams: &[Result<Stream, String>],
     n_shards: usize,
 ) -> Result<(), StartError> {
     let needs = config.machines.iter().zip(streams).filter_map(|(entry, stream)| {
-        let info = stream.as_ref().ok()?;
+        let info = &stream.as_ref().ok()?.info;
         Some((Monitor::ring_bytes(&info.channels, &config.monitor) as u64, &entry.machine.id))
     });
     let needs: Vec<_> = needs.collect();
@@ -295,7 +367,7 @@ mod tests {
         }
     }
 
-    fn stream(n_channels: usize) -> Result<StreamInfo, String> {
+    fn stream(n_channels: usize) -> Result<Stream, String> {
         let channel = ChannelInfo {
             name: "x".to_owned(),
             sample_rate: Hz(10_000.0),
@@ -305,7 +377,9 @@ mod tests {
             full_scale: None,
         };
         let channels = vec![channel; n_channels];
-        Ok(StreamInfo { channels, start_time: None, shaft_speed: None, received: Vec::new() })
+        let info =
+            StreamInfo { channels, start_time: None, shaft_speed: None, received: Vec::new() };
+        Ok(Stream { info, simulated: None })
     }
 
     #[test]
@@ -314,7 +388,7 @@ mod tests {
         let machines = vec![entry("small"), entry("large"), entry("broken")];
         // 30 s of 10,000 four-byte samples for each of four channels, their lists, and one queue
         let lists = 4
-            * (Monitor::ring_bytes(&stream(1).unwrap().channels, &Config::default().monitor)
+            * (Monitor::ring_bytes(&stream(1).unwrap().info.channels, &Config::default().monitor)
                 - 1_200_000);
         let needed = 4 * 1_200_000 + lists + QUEUE_BYTES;
         let config = |limit: usize| Config {

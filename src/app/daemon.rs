@@ -5,11 +5,13 @@ use super::build::Plan;
 use super::build::ShardPlan;
 use super::build::SourcePlan;
 use super::build::StartError;
+use super::build::Work;
 use super::http;
 use super::http::ReadinessCheck;
 use super::link::ShardQueue;
 use super::shard;
 use super::shard::Heartbeat;
+use super::simulated;
 use super::source;
 use super::stop::Stop;
 use crate::api::state;
@@ -169,13 +171,21 @@ fn start_threads(
     for plan in sources {
         let stop = Arc::clone(stop);
         threads.start(format!("source-{}", plan.machine.id), move || {
-            let SourcePlan { machine, settings, link, recording } = plan;
-            let is_recorded = recording.is_some();
-            let mut open = || {
-                let open = if is_recorded { replay::open_with_received } else { replay::open };
-                open(&settings.file, &machine, &settings.hints)
-            };
-            source::run(&settings, &mut open, &link, &stop, recording);
+            let SourcePlan { machine, work, link, recording } = plan;
+            match work {
+                Work::Replay(settings) => {
+                    let is_recorded = recording.is_some();
+                    let mut open = || {
+                        let open =
+                            if is_recorded { replay::open_with_received } else { replay::open };
+                        open(&settings.file, &machine, &settings.hints)
+                    };
+                    source::run(&settings, &mut open, &link, &stop, recording);
+                }
+                Work::Simulate(mut source, desk) => {
+                    simulated::run(&machine.id, &mut source, &desk, &link, &stop, recording);
+                }
+            }
         })?;
     }
     Ok(())

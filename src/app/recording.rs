@@ -1,6 +1,6 @@
 //! A machine's recorder on its source's thread: gives it the clock, logs and shows what it does.
 
-use super::source::with_causes;
+use super::outlet::with_causes;
 use crate::api::view::RecordingView;
 use crate::capture::received::Received;
 use crate::capture::received::ReceivedChannel;

@@ -19,6 +19,12 @@ impl Stop {
         self.changed.notify_all();
     }
 
+    /// Whether the stop was asked for.
+    #[must_use]
+    pub fn is_set(&self) -> bool {
+        *self.set.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Waits until `deadline` or the stop; true when it is the stop.
     #[must_use]
     pub fn wait_until(&self, deadline: Instant) -> bool {

@@ -13,6 +13,7 @@ pub mod map;
 pub mod foreign;
 pub mod info;
 pub mod received;
+pub mod live;
 pub mod reader;
 pub mod writer;
 pub mod recording;

@@ -305,13 +305,19 @@ fn configuration(name: &str, config: &Config) -> String {
         text.push_str(&format!("  recording to {}\n", folder.display()));
     }
     for entry in &config.machines {
-        let SourceConfig::Replay(replay) = &entry.source;
-        let speed = match replay.speed {
+        let pace = |speed: Speed| match speed {
             Speed::Max => "as fast as possible".to_owned(),
             Speed::Times(factor) => format!("at {factor} times real time"),
         };
-        let repeat = if replay.repeat { ", again and again" } else { "" };
-        let source = format!("replay of {} {speed}{repeat}\n", replay.file.display());
+        let source = match &entry.source {
+            SourceConfig::Replay(replay) => {
+                let repeat = if replay.repeat { ", again and again" } else { "" };
+                format!("replay of {} {}{repeat}\n", replay.file.display(), pace(replay.speed))
+            }
+            SourceConfig::Simulated(simulated) => {
+                format!("simulated scene {} {}\n", simulated.scene.name, pace(simulated.speed))
+            }
+        };
         text.push_str(&indented(&(report::summary(&entry.machine) + &source)));
     }
     text

@@ -1,23 +1,33 @@
-//! `rotorwatch demo`: the real daemon on a generated capture, with nothing configured.
+//! `rotorwatch demo`: the real daemon on the simulated rig, with nothing configured.
+//!
+//! A healthy reference run is computed first, as fast as it goes, and becomes the baseline: whatever
+//! the demonstration begins with, it never learns from a damaged rig.
 
 use super::report;
+use super::simulate;
+use super::simulate::SimulateError;
 use crate::api::view::MachineHandle;
 use crate::app::build::StartError;
 use crate::app::daemon::Daemon;
-use crate::capture::error::CaptureError;
 use crate::config;
 use crate::config::Config;
 use crate::config::ConfigErrors;
-use crate::demo::files;
-use crate::demo::impulses::Defect;
-use crate::demo::impulses::Scene;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Diagnosis;
+use crate::simulator::scenario;
+use crate::simulator::scenario::ScenarioError;
+use crate::simulator::scenario::Wanted;
+use crate::simulator::scene::Faults;
+use crate::simulator::scene::MachineText;
+use crate::simulator::scene::Scene;
 use clap::Args;
 use std::fs;
 use std::io;
 use std::io::Write;
 use std::net::Ipv4Addr;
 use std::net::SocketAddr;
+use std::net::TcpListener;
 use std::path::Path;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,27 +38,31 @@ use tempfile::TempDir;
 pub const EXAMPLES: &str = "\
 Examples:
   rotorwatch demo
-  rotorwatch demo --bind 127.0.0.1:9000
-  rotorwatch demo --dir demo-files
-  curl http://127.0.0.1:8080/api/v1/machines/demo/diagnosis
+  rotorwatch demo --scenario GG_BS_BB
+  rotorwatch demo --bind 127.0.0.1:9000 --dir demo-files
+  curl http://127.0.0.1:8080/api/v1/machines/rig-1/diagnosis
+  curl -H 'content-type: application/json' -d '{ \"scenario\": \"GG_GS_BB\" }' \\
+    http://127.0.0.1:8080/api/v1/simulation/scenario
 
-The signal is made of closed-form impulses; it is not a simulation of a rig. Ctrl-C ends it.";
+A scenario says what is good (G) and bad (B): gear, shaft, bearing. The diagnosis knows nothing of it;
+it follows within half a minute. Ctrl-C ends the demonstration.";
 
 /// Port that is tried first; if it is taken, any free one.
 const PORT: u16 = 8080;
 
-/// Chance in the signal: the same at every start.
-const SEED: u64 = 1;
+/// The scene that runs.
+const SCENE: &str = "demo";
 
-/// Length of the capture, s; it is replayed again and again.
-const DURATION_S: f64 = 60.0;
+/// What it begins with unless something else is asked for.
+const HEALTHY: &str = "GG_GS_GB";
 
-/// Seconds of signal a second: fast enough for a first verdict within seconds, slow enough to watch.
-const SPEED: u8 = 4;
+/// Seed of the reference run: other noise than that of the live scene.
+const REFERENCE_SEED: u64 = 1001;
 
 /// Names of the files in the folder.
-const CAPTURE: &str = "demo-signal.h5";
+const SCENE_FILE: &str = "demo-scene.toml";
 const MACHINE: &str = "demo-machine.toml";
+const REFERENCE: &str = "demo-reference.h5";
 const CONFIGURATION: &str = "demo-rotorwatch.toml";
 
 /// Arguments of `demo`.
@@ -57,6 +71,9 @@ pub struct Arguments {
     /// Address and port of HTTP, loopback only [default: 127.0.0.1:8080, or any free port].
     #[arg(long, value_name = "ADDR", value_parser = loopback)]
     pub bind: Option<SocketAddr>,
+    /// What is damaged at first: GG_GS_GB (nothing) to BG_BS_BB; gear, shaft, bearing, good or bad.
+    #[arg(long, value_name = "NAME", default_value = HEALTHY)]
+    pub scenario: String,
     /// Keep the demonstration's files (demo-*) in this folder; without it they are temporary.
     #[arg(long, value_name = "FOLDER")]
     pub dir: Option<PathBuf>,
@@ -69,8 +86,12 @@ enum DemoError {
     Folder { folder: PathBuf, source: io::Error },
     #[error("{}: cannot be written", file.display())]
     Write { file: PathBuf, source: io::Error },
-    #[error("the demonstration's capture cannot be written")]
-    Capture(#[from] CaptureError),
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    #[error("the address {address} cannot be bound, choose another with --bind")]
+    Bind { address: SocketAddr, source: io::Error },
+    #[error("the healthy reference run failed")]
+    Reference(#[source] Box<SimulateError>),
     #[error("the demonstration's configuration is refused")]
     Configuration(#[from] ConfigErrors),
     #[error(transparent)]
@@ -87,17 +108,27 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn demonstrate(arguments: &Arguments) -> Result<(), DemoError> {
+    let scene = simulate::load(SCENE).map_err(reference)?;
+    // What cannot work is told before the reference run takes its seconds.
+    scenario::faults(&scene, &Wanted::Combination(arguments.scenario.clone()))?;
+    if let Some(address) = arguments.bind {
+        TcpListener::bind(address).map_err(|source| DemoError::Bind { address, source })?;
+    }
     let folder = Folder::make(arguments.dir.as_deref())?;
-    let config = write_files(folder.path())?;
+    let config = write_files(folder.path(), &scene, &arguments.scenario)?;
     let mut daemon = start(config, arguments.bind)?;
     let url = format!("http://{}", daemon.address());
     say(&format!("listening on {url}"));
     say(&format!(
-        "demo signal: closed-form impulses, not a rig simulation; replayed at {SPEED} times real \
-         time. The dashboard is at {url}/ and Ctrl-C ends it."
+        "the simulated rig runs live, scenario {}; the dashboard is at {url}/ and Ctrl-C ends it",
+        arguments.scenario
+    ));
+    say(&format!(
+        "another scenario: curl -H 'content-type: application/json' -d '{{ \"scenario\": \"GG_GS_BB\" }}' \
+         {url}/api/v1/simulation/scenario"
     ));
     for machine in daemon.machines().iter().cloned() {
-        tell_first_verdict(machine, url.clone());
+        tell_verdicts(machine, url.clone());
     }
     daemon.wait_for_signal();
     daemon.stop();
@@ -131,26 +162,40 @@ impl Folder {
     }
 }
 
-/// Writes capture, machine file and configuration, and reads the latter as `serve` would.
-fn write_files(folder: &Path) -> Result<Config, DemoError> {
-    let scene = Scene::with(Defect::InnerRace);
-    files::write_capture(&folder.join(CAPTURE), &scene, SEED, DURATION_S)?;
+/// Writes scene, machine file, the healthy reference and the configuration, and reads the latter as
+/// `serve` would.
+fn write_files(folder: &Path, scene: &Scene, scenario: &str) -> Result<Config, DemoError> {
+    let machine = match &scene.machine {
+        Some(MachineText::Inline(text)) => text.clone(),
+        Some(MachineText::File(_)) | None => String::new(),
+    };
     let write = |name: &str, text: &str| {
         let file = folder.join(name);
         fs::write(&file, text).map_err(|source| DemoError::Write { file, source })
     };
-    write(MACHINE, files::MACHINE)?;
-    write(CONFIGURATION, &configuration())?;
+    write(SCENE_FILE, &scene.text)?;
+    write(MACHINE, &machine)?;
+    write(CONFIGURATION, &configuration(scenario))?;
+    tracing::info!("computing a healthy reference run of {} s", scene.duration_s);
+    let healthy = scenario::with_faults(scene, &Faults::default());
+    simulate::record(&healthy, Some(machine), REFERENCE_SEED, &folder.join(REFERENCE))
+        .map_err(reference)?;
     // Without the environment: the demonstration is the same everywhere.
     Ok(config::load_with(&folder.join(CONFIGURATION), [])?)
 }
 
-fn configuration() -> String {
+fn reference(error: SimulateError) -> DemoError {
+    DemoError::Reference(Box::new(error))
+}
+
+fn configuration(scenario: &str) -> String {
     format!(
         "# The daemon's configuration of `rotorwatch demo`; `rotorwatch serve --config` takes it too.\n\
-         [[machine]]\nfile = \"{MACHINE}\"\n\n\
-         [[source]]\nkind = \"replay\"\nmachine = \"demo\"\nfile = \"{CAPTURE}\"\n\
-         speed = {SPEED}.0\nloop = true\n"
+         # A window that saw a change of scenario may accuse too much: alarms wait for the next two.\n\
+         [alarms]\non_delay_s = 10.0\n\n\
+         [[machine]]\nfile = \"{MACHINE}\"\nbaseline = [\"{REFERENCE}\"]\n\n\
+         [[source]]\nkind = \"simulated\"\nmachine = \"rig-1\"\nscene = \"{SCENE_FILE}\"\n\
+         scenario = \"{scenario}\"\nspeed = 1.0\n"
     )
 }
 
@@ -169,24 +214,46 @@ fn start(config: Config, bind: Option<SocketAddr>) -> Result<Daemon, StartError>
     }
 }
 
-/// Prints one line when the machine's first verdict is there, from a thread of its own, which ends
-/// with the daemon.
-fn tell_first_verdict(machine: MachineHandle, url: String) {
+/// Who is accused of what.
+type Accused = Vec<(String, State, Option<FaultMode>)>;
+
+/// Prints a line with the machine's first verdict and whenever another fault is named, from a thread
+/// of its own, which ends with the daemon.
+fn tell_verdicts(machine: MachineHandle, url: String) {
     let waiting = thread::Builder::new().name("demo-verdict".to_owned()).spawn(move || {
         let Ok(runtime) = tokio::runtime::Builder::new_current_thread().build() else { return };
         let mut view = machine.view;
-        let judged = runtime.block_on(view.wait_for(|view| view.diagnosis.is_some()));
-        // An error: the daemon ended first.
-        let Some(diagnosis) = judged.ok().and_then(|view| view.diagnosis.clone()) else { return };
-        say(&verdict_line(&diagnosis, &url));
+        let mut told: Option<Accused> = None;
+        loop {
+            let judged = runtime.block_on(view.wait_for(|view| {
+                let now = view.diagnosis.as_deref().map(accused);
+                now.is_some() && now != told
+            }));
+            // An error: the daemon ended.
+            let Some(diagnosis) = judged.ok().and_then(|view| view.diagnosis.clone()) else {
+                return;
+            };
+            say(&verdict_line(&diagnosis, &url));
+            told = Some(accused(&diagnosis));
+        }
     });
     if let Err(error) = waiting {
-        tracing::warn!(%error, "the verdict will not be printed, ask for it");
+        tracing::warn!(%error, "verdicts will not be printed, ask for them");
     }
 }
 
+fn accused(diagnosis: &Diagnosis) -> Accused {
+    let accused = diagnosis.components.iter().filter(|c| c.state.is_accusation());
+    let mut accused: Accused = accused.map(|c| (c.id.clone(), c.state, c.fault)).collect();
+    accused.sort_by(|a, b| a.0.cmp(&b.0));
+    accused
+}
+
 fn verdict_line(diagnosis: &Diagnosis, url: &str) -> String {
-    let found = report::accusation(diagnosis).map_or(String::new(), |worst| format!(": {worst}"));
+    let n_others = accused(diagnosis).len().saturating_sub(1);
+    let others = if n_others > 0 { format!(" (and {n_others} more)") } else { String::new() };
+    let found =
+        report::accusation(diagnosis).map_or(String::new(), |worst| format!(": {worst}{others}"));
     format!(
         "verdict: machine {} is {}{found}; ask with: curl {url}/api/v1/machines/{}/diagnosis",
         diagnosis.machine,
@@ -219,61 +286,23 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::fault::ComponentKind;
-    use crate::diagnosis::fault::FaultMode;
-    use crate::diagnosis::fault::State;
-    use crate::offline;
-    use crate::offline::Reference;
-    use std::sync::Arc;
-
-    /// Ten seconds of a scene, judged offline.
-    fn judge(scene: &Scene, seed: u64) -> Diagnosis {
-        let dir = tempfile::tempdir().unwrap();
-        let file = dir.path().join("x.h5");
-        files::write_capture(&file, scene, seed, 10.0).unwrap();
-        let machine = crate::machine::file::parse(files::MACHINE, "demo.toml").unwrap();
-        let reference = Reference { machine: Some(Arc::new(machine)), ..Reference::default() };
-        offline::diagnose(&file, &reference, &mut |_| ()).unwrap()
-    }
-
-    fn accused(diagnosis: &Diagnosis) -> Vec<(ComponentKind, Option<FaultMode>)> {
-        let accused = diagnosis.components.iter().filter(|c| c.state.is_accusation());
-        accused.map(|c| (c.kind, c.fault)).collect()
-    }
-
-    #[test]
-    fn each_defect_is_named_and_a_healthy_bearing_is_not_accused() {
-        for (scene, fault) in [
-            (Scene::with(Defect::InnerRace), Some(FaultMode::InnerRace)),
-            (Scene::with(Defect::OuterRace), Some(FaultMode::OuterRace)),
-            (Scene::healthy(), None),
-        ] {
-            for seed in [1, 2] {
-                let diagnosis = judge(&scene, seed);
-                let expected: Vec<_> =
-                    fault.iter().map(|f| (ComponentKind::Bearing, Some(*f))).collect();
-                assert_eq!(accused(&diagnosis), expected, "{seed} {diagnosis:#?}");
-                let bearing = &diagnosis.components[0];
-                assert_eq!(bearing.kind, ComponentKind::Bearing);
-                if fault.is_none() {
-                    assert_eq!(bearing.state, State::Healthy, "{}", bearing.why);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn same_seed_same_verdict() {
-        let scene = Scene::with(Defect::InnerRace);
-        assert_eq!(judge(&scene, 3), judge(&scene, 3));
-    }
+    use crate::config::SourceConfig;
 
     #[test]
     fn the_configuration_is_one_that_serve_accepts() {
         let dir = tempfile::tempdir().unwrap();
-        let config = write_files(dir.path()).unwrap();
-        assert_eq!(config.machines.len(), 1);
-        assert_eq!(config.machines[0].machine.id, "demo");
+        let mut scene = simulate::load(SCENE).unwrap();
+        // One second is enough of a reference here.
+        scene.duration_s = 1.0;
+        let config = write_files(dir.path(), &scene, "GG_BS_BB").unwrap();
+        let [machine] = &config.machines[..] else { panic!("one machine") };
+        assert_eq!((machine.machine.id.as_str(), machine.baseline.len()), ("rig-1", 1));
+        let SourceConfig::Simulated(source) = &machine.source else { panic!("simulated") };
+        assert_eq!(source.scenario, Some(Wanted::Combination("GG_BS_BB".to_owned())));
+        assert_ne!(source.seed, REFERENCE_SEED);
+        assert_eq!(source.scene.faults(), Faults::default());
+        let wanted = Wanted::Combination(HEALTHY.to_owned());
+        assert_eq!(scenario::faults(&scene, &wanted), Ok(Faults::default()));
     }
 
     #[test]

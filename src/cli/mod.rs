@@ -19,7 +19,7 @@ pub mod openapi;
 pub mod completions;
 pub mod man;
 
-use crate::app::source::with_causes;
+use crate::app::outlet::with_causes;
 use crate::telemetry;
 use crate::telemetry::LogFormat;
 use clap::Parser;
@@ -88,7 +88,7 @@ pub enum Command {
     /// Run the daemon: watch machines and answer over HTTP
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::Arguments),
-    /// Run the daemon on a generated signal, with nothing configured
+    /// Run the daemon on the simulated rig, with nothing configured
     #[command(after_help = demo::EXAMPLES)]
     Demo(demo::Arguments),
     /// Print the document of the HTTP API (OpenAPI 3.1), or a schema

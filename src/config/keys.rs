@@ -65,6 +65,9 @@ pub const KEYS: &[Key] = &[
     key("source", "loop", Kind::Flag),
     key("source", "rate_hz", Kind::Number(1e-6, 1e9)),
     key("source", "unit", Kind::Text),
+    key("source", "scene", Kind::Text),
+    key("source", "scenario", Kind::Text),
+    key("source", "seed", Kind::Whole(0, 1 << 53)),
 ];
 
 const fn key(section: &'static str, name: &'static str, kind: Kind) -> Key {

@@ -11,6 +11,7 @@ mod resolve;
 
 use crate::capture::recording::machine as recording;
 use crate::ingest::replay;
+use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::pipeline;
 use std::fmt;
@@ -74,6 +75,8 @@ pub struct MachineConfig {
 pub enum SourceConfig {
     /// A capture, played back.
     Replay(replay::Settings),
+    /// A scene, simulated as long as the daemon runs.
+    Simulated(Box<simulated::Settings>),
 }
 
 impl Default for Config {

@@ -82,6 +82,9 @@ pub(super) struct Source {
     pub(super) r#loop: Option<bool>,
     pub(super) rate_hz: Option<f64>,
     pub(super) unit: Option<String>,
+    pub(super) scene: Option<String>,
+    pub(super) scenario: Option<String>,
+    pub(super) seed: Option<u64>,
 }
 
 /// `"max"` or a number.

@@ -14,8 +14,13 @@ use crate::capture::hints::Hints;
 use crate::capture::map::ChannelMap;
 use crate::capture::recording::machine as recording;
 use crate::ingest::replay;
+use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::pipeline;
+use crate::simulator::scenario;
+use crate::simulator::scenario::Wanted;
+use crate::simulator::scene::Scene;
+use crate::simulator::scene::builtin;
 use crate::units::Hz;
 use crate::units::SourceUnit;
 use std::collections::BTreeMap;
@@ -27,7 +32,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Source kinds of the contract that this version does not have yet.
-const LATER_KINDS: &[&str] = &["simulated", "tcp", "mqtt"];
+const LATER_KINDS: &[&str] = &["tcp", "mqtt"];
+
+/// Keys of a source that only one kind of it has.
+const OF_REPLAY: &[&str] = &["file", "loop", "rate_hz", "unit"];
+const OF_SIMULATED: &[&str] = &["scene", "scenario", "seed"];
 
 /// Makes the configuration; mistakes go to `scan`, with defaults in their place.
 pub(super) fn config(
@@ -224,16 +233,19 @@ impl Resolver<'_> {
         match crate::machine::file::parse(&text, &file.display().to_string()) {
             Ok(machine) => Some(machine),
             Err(errors) => {
-                let place = file.display().to_string();
-                let mistakes = errors.to_string();
-                let prefix = format!("{place}:");
-                self.scan.problems.extend(mistakes.lines().map(|line| super::Problem {
-                    place: place.clone(),
-                    message: line.strip_prefix(&prefix).unwrap_or(line).to_owned(),
-                }));
+                self.foreign_mistakes(file.display().to_string(), &errors.to_string());
                 None
             }
         }
+    }
+
+    /// Takes over the mistakes of another file, a line each.
+    fn foreign_mistakes(&mut self, place: String, mistakes: &str) {
+        let prefix = format!("{place}:");
+        self.scan.problems.extend(mistakes.lines().map(|line| super::Problem {
+            place: place.clone(),
+            message: line.strip_prefix(&prefix).unwrap_or(line).to_owned(),
+        }));
     }
 
     /// Gives the source of each machine id; `None` for one that was reported.
@@ -270,16 +282,84 @@ impl Resolver<'_> {
     }
 
     fn source(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
-        let kind = self.required(path, "kind", raw.kind)?;
-        if kind != "replay" {
-            let why = if LATER_KINDS.contains(&kind.as_str()) {
-                "is not available in this version"
-            } else {
-                "is no kind of source"
-            };
-            self.report(&format!("{path}.kind"), format!("{kind:?} {why}, allowed: \"replay\""));
-            return None;
+        let kind = self.required(path, "kind", raw.kind.clone())?;
+        match kind.as_str() {
+            "replay" => self.replay(path, raw),
+            "simulated" => self.simulated(path, raw),
+            _ => {
+                let why = if LATER_KINDS.contains(&kind.as_str()) {
+                    "is not available in this version"
+                } else {
+                    "is no kind of source"
+                };
+                let message = format!("{kind:?} {why}, allowed: \"replay\", \"simulated\"");
+                self.report(&format!("{path}.kind"), message);
+                None
+            }
         }
+    }
+
+    /// Reports keys that another kind of source has.
+    fn foreign_keys(&mut self, path: &str, kind: &str, keys: &[&str]) {
+        for key in keys {
+            let place = format!("{path}.{key}");
+            if self.scan.has(&place) {
+                self.report(&place, format!("a source of the kind {kind:?} has no such key"));
+            }
+        }
+    }
+
+    fn simulated(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
+        self.foreign_keys(path, "simulated", OF_REPLAY);
+        let name = self.required(path, "scene", raw.scene)?;
+        let scene = self.scene(&format!("{path}.scene"), &name)?;
+        let speed = match raw.speed {
+            Some(raw::Speed::Factor(factor)) => replay::Speed::Times(factor),
+            Some(raw::Speed::Word(raw::SpeedWord::Max)) => replay::Speed::Max,
+            None => replay::Speed::Times(1.0),
+        };
+        let scenario = raw.scenario.map(Wanted::Combination);
+        if let Some(Err(error)) = scenario.as_ref().map(|wanted| scenario::faults(&scene, wanted)) {
+            self.report(&format!("{path}.scenario"), error.to_string());
+        }
+        let seed = raw.seed.unwrap_or(scene.seed);
+        let settings = simulated::Settings { scene, seed, speed, scenario };
+        Some(SourceConfig::Simulated(Box::new(settings)))
+    }
+
+    /// Reads a scene by file or by name; files come first.
+    fn scene(&mut self, path: &str, name: &str) -> Option<Scene> {
+        let file = self.base.join(name);
+        let (text, place) = if file.is_file() {
+            match fs::read_to_string(&file) {
+                Ok(text) => (text, file.display().to_string()),
+                Err(error) => {
+                    self.report(path, format!("{} cannot be read: {error}", file.display()));
+                    return None;
+                }
+            }
+        } else if let Some(text) = builtin::text(name) {
+            (text.to_owned(), name.to_owned())
+        } else {
+            let known = builtin::names().collect::<Vec<_>>().join(", ");
+            let message = format!(
+                "there is no file {} and no built-in scene of that name: {known}",
+                file.display()
+            );
+            self.report(path, message);
+            return None;
+        };
+        match Scene::parse(&text, &place) {
+            Ok(scene) => Some(scene),
+            Err(errors) => {
+                self.foreign_mistakes(place, &errors.to_string());
+                None
+            }
+        }
+    }
+
+    fn replay(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
+        self.foreign_keys(path, "replay", OF_SIMULATED);
         let file = self.required(path, "file", raw.file)?;
         let file = self.files(&format!("{path}.file"), vec![file]).pop()?;
         let speed = match raw.speed {

@@ -122,7 +122,7 @@ speed = "fast"
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
-        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\"",
+        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\", \"simulated\"",
         "15:1: source[0].machine: no machine has the id \"rig-2\", known: rig-1",
         "12:1: machine[0].baseline: there is no file",
         "10:1: machine[0]: machine \"rig-1\" has no source",
@@ -209,7 +209,7 @@ fn one_source_a_machine() {
 #[test]
 fn what_a_file_does_not_say_its_source_says() {
     let config = load_text(&format!("{RIG}rate_hz = 12000\nunit = \"g\"\n"), &[]).unwrap();
-    let SourceConfig::Replay(replay) = &config.machines[0].source;
+    let SourceConfig::Replay(replay) = &config.machines[0].source else { panic!("a replay") };
     let hints = (replay.hints.rate, replay.hints.unit.as_deref());
     assert_eq!(hints, (Some(Hz(12_000.0)), Some("g")));
     let found = mistakes(&format!("{RIG}rate_hz = 0\nunit = \"furlong\"\n"), &[]);

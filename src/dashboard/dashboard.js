@@ -88,6 +88,74 @@ function showHealth(health) {
   });
 }
 
+/** `GG_BS_BB` in words. */
+function scenarioText(name) {
+  const parts = { BG: "gear", BS: "shaft", BB: "bearing" };
+  const bad = name.split("_").flatMap((part) => parts[part] ?? []);
+  return `${name}: ${bad.length ? `${bad.join(", ")} bad` : "nothing bad"}`;
+}
+
+function faultText(fault) {
+  if (fault.fault === "bow") return `bow of ${short(fault.amplitude_um)} µm`;
+  const size = `${short(fault.width_mm)} mm wide, ${short(fault.depth_um)} µm deep`;
+  return `${words(fault.fault)} of ${fault.bearing}, ${size}`;
+}
+
+/** The control of a simulated machine; hidden for every other. */
+function showSimulation(simulation) {
+  byId("simulation").hidden = !simulation;
+  if (!simulation) return;
+  whenChanged("scenarios", [shown, simulation.scenarios, simulation.scenario], () => {
+    const options = simulation.scenarios.map((name) => new Option(scenarioText(name), name));
+    byId("scenario").replaceChildren(...options);
+    byId("scenario").value = simulation.scenario ?? "";
+  });
+  const pace =
+    simulation.source === "failed"
+      ? "ended by an error"
+      : simulation.speed === null
+        ? "as fast as it is analysed"
+        : simulation.keeps_pace
+          ? `keeps ${short(simulation.speed)} × real time`
+          : "does not keep up with its pace";
+  const behind = simulation.lag_given_up_s > 0 ? `, ${short(simulation.lag_given_up_s)} s behind` : "";
+  const present = simulation.present.map(faultText).join("; ") || "nothing";
+  byId("simulation-note").textContent =
+    `scene ${simulation.scene}, ${Math.floor(simulation.simulated_s)} s simulated, ${pace}${behind}. ` +
+    `Scenario ${simulation.scenario ?? "of its own"} since ${simulation.since}` +
+    `${simulation.growing ? ", still growing" : ""}. Damaged now: ${present}. ` +
+    "The diagnosis below is not told." +
+    simulation.warnings.map((warning) => ` Beyond the model: ${warning}.`).join("");
+}
+
+async function applyScenario(event) {
+  event.preventDefault();
+  const result = byId("simulation-result");
+  const wanted = { machine: shown, scenario: byId("scenario").value, grow_s: Number(byId("grow-s").value) };
+  try {
+    const response = await fetch("/api/v1/simulation/scenario", {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify(wanted),
+    });
+    const body = await response.json();
+    result.textContent = response.ok ? `${wanted.scenario} applied.` : `Not applied: ${body.detail}`;
+  } catch (error) {
+    result.textContent = `Not applied: ${error.message}`;
+  }
+  poll();
+}
+
+/** The simulated machines; asked for until the daemon has said that it has none. */
+let anySimulated = true;
+
+async function readSimulations() {
+  if (!anySimulated) return [];
+  const response = await fetch("/api/v1/simulation/scenario", { headers: { accept: "application/json" } });
+  if (response.status === 404) anySimulated = false;
+  return response.ok ? (await response.json()).items : [];
+}
+
 function acknowledgeForm(alarm) {
   const form = element("form");
   const field = (name, label, required) => {
@@ -230,12 +298,14 @@ async function poll() {
     const machines = (await read("/api/v1/machines")).items;
     if (!machines.some((machine) => machine.id === shown)) shown = machines[0]?.id ?? null;
     showMachines(machines);
-    const [alarms, health, channels] = await Promise.all([
+    const [alarms, simulations, health, channels] = await Promise.all([
       read("/api/v1/alarms?limit=50"),
+      readSimulations(),
       shown && read(`/api/v1/machines/${encodeURIComponent(shown)}/health`),
       shown && read(`/api/v1/machines/${encodeURIComponent(shown)}/channels`),
     ]);
     showAlarms(alarms.items);
+    showSimulation(simulations.find((simulation) => simulation.machine === shown));
     if (shown) {
       showHealth(health);
       showChannels(channels.items);
@@ -249,6 +319,7 @@ async function poll() {
   }
 }
 
+byId("simulation-form").addEventListener("submit", applyScenario);
 byId("spectrum-form").addEventListener("submit", (event) => event.preventDefault());
 byId("spectrum-form").addEventListener("change", showSpectrum);
 document.addEventListener("visibilitychange", poll);

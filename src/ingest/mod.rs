@@ -6,3 +6,4 @@
 pub mod interleave;
 mod shift;
 pub mod replay;
+pub mod simulated;

@@ -26,4 +26,5 @@ pub mod ports;
 pub mod scene;
 pub mod build;
 pub mod simulation;
+pub mod scenario;
 pub mod explain;

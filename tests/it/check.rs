@@ -1,9 +1,9 @@
 //! `rotorwatch check`, `openapi`, `completions`, `man`: what they print and how they end.
 
+use crate::impulses::Scene;
+use crate::impulses::files;
 use crate::support;
 use crate::support::Ended;
-use rotorwatch::demo::files;
-use rotorwatch::demo::impulses::Scene;
 use std::fs;
 use tempfile::TempDir;
 

@@ -57,41 +57,98 @@ fn n_files(dir: &TempDir) -> usize {
     fs::read_dir(dir.path()).unwrap().count()
 }
 
-#[test]
-fn the_verdict_follows_the_address_and_http_agrees() {
-    let dir = TempDir::new().unwrap();
-    let mut running = Demo::start(&mut demo(&dir, &["--bind", "127.0.0.1:0"]));
+/// The demonstration's address, and what its first lines say.
+fn address(running: &mut Demo) -> String {
     let first = running.line();
     let url = first.strip_prefix("listening on ").unwrap().to_owned();
     assert!(url.starts_with("http://127.0.0.1:"), "{first}");
-    assert!(running.line().contains("closed-form impulses, not a rig simulation"));
-    assert_eq!(n_files(&dir), 1, "the temporary folder");
-    let verdict = running.line();
-    assert!(
-        verdict.starts_with("verdict: machine demo is damaged: bearing drive-end, inner race, "),
-        "{verdict}"
-    );
-    let (_, ask) = verdict.split_once("curl ").unwrap();
-    assert_eq!(ask, format!("{url}/api/v1/machines/demo/diagnosis"));
-    let answer = ureq::get(ask).call().unwrap().body_mut().read_to_string().unwrap();
-    let document: Value = serde_json::from_str(&answer).unwrap();
-    assert_eq!(document["state"], "damaged");
-    assert_eq!(running.signal("INT"), Some(0));
-    assert_eq!(n_files(&dir), 0, "the temporary folder is gone");
+    assert!(running.line().contains("the simulated rig runs live, scenario "));
+    let command = running.line();
+    assert!(command.ends_with(&format!("{url}/api/v1/simulation/scenario")), "{command}");
+    url
+}
+
+fn get(url: &str) -> Value {
+    let answer = ureq::get(url).call().unwrap().body_mut().read_to_string().unwrap();
+    serde_json::from_str(&answer).unwrap()
 }
 
 #[test]
-fn a_named_folder_keeps_files_that_the_other_commands_take() {
+fn the_address_comes_first_and_a_named_folder_keeps_what_the_other_commands_take() {
     let dir = TempDir::new().unwrap();
     let files = dir.path().join("files");
     let kept = files.to_str().unwrap();
-    let mut running = Demo::start(&mut demo(&dir, &["--bind", "127.0.0.1:0", "--dir", kept]));
-    assert!(running.line().starts_with("listening on "));
+    let arguments = ["--bind", "127.0.0.1:0", "--dir", kept, "--scenario", "GG_BS_BB"];
+    let mut running = Demo::start(&mut demo(&dir, &arguments));
+    let url = address(&mut running);
+    let list = get(&format!("{url}/api/v1/simulation/scenario"));
+    let simulation = &list["items"][0];
+    assert_eq!(
+        (&simulation["machine"], &simulation["scenario"]),
+        (&"rig-1".into(), &"GG_BS_BB".into())
+    );
+    assert_eq!(simulation["speed"], 1.0);
     assert_eq!(running.signal("TERM"), Some(0));
     let mut check = support::command();
-    let names = ["demo-machine.toml", "demo-rotorwatch.toml", "demo-signal.h5"];
+    let names = ["demo-machine.toml", "demo-rotorwatch.toml", "demo-reference.h5"];
     let ended = support::run(check.current_dir(&files).arg("check").args(names));
     assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+    assert!(ended.stdout.contains("simulated scene demo at 1 times real time"), "{}", ended.stdout);
+}
+
+#[test]
+fn a_scenario_the_rig_cannot_have_is_an_error_at_once() {
+    let dir = TempDir::new().unwrap();
+    let mut command = demo(&dir, &["--scenario", "BG_GS_GB"]);
+    let ended = support::run(command.stderr(std::process::Stdio::piped()));
+    assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(2), ""));
+    assert!(ended.stderr.contains("GG_GS_GB, GG_GS_BB, GG_BS_GB, GG_BS_BB"), "{}", ended.stderr);
+    assert_eq!(n_files(&dir), 0);
+}
+
+/// Waits for the next verdict that is printed and for HTTP to agree; gives the accused, sorted.
+fn next_accused(running: &mut Demo, url: &str) -> Vec<(String, String)> {
+    let line = running.line();
+    assert!(line.starts_with("verdict: machine rig-1 is "), "{line}");
+    let document = get(&format!("{url}/api/v1/machines/rig-1/diagnosis"));
+    let components = document["components"].as_array().unwrap().iter();
+    let accused =
+        components.filter(|c| ["warning", "damaged"].contains(&c["state"].as_str().unwrap()));
+    let text = |value: &Value| value.as_str().unwrap_or("unknown").to_owned();
+    let mut accused: Vec<_> = accused.map(|c| (text(&c["id"]), text(&c["fault"]))).collect();
+    accused.sort();
+    accused
+}
+
+#[test]
+#[ignore = "takes two minutes: the rig runs in real time"]
+fn the_verdict_follows_the_scenario_within_half_a_minute_and_heals() {
+    let dir = TempDir::new().unwrap();
+    let mut running = Demo::start(&mut demo(&dir, &["--bind", "127.0.0.1:0"]));
+    let url = address(&mut running);
+    assert_eq!(n_files(&dir), 1, "the temporary folder");
+    assert_eq!(next_accused(&mut running, &url), []);
+    let path = format!("{url}/api/v1/simulation/scenario");
+    let bearing = ("right".to_owned(), "inner_race".to_owned());
+    let bow = ("main".to_owned(), "bow".to_owned());
+    for (scenario, expected) in [
+        ("GG_GS_BB", vec![bearing.clone()]),
+        ("GG_BS_BB", vec![bow.clone(), bearing]),
+        ("GG_BS_GB", vec![bow]),
+        ("GG_GS_GB", vec![]),
+    ] {
+        let body = serde_json::json!({ "scenario": scenario });
+        let mut answer = ureq::post(&path).send_json(&body).unwrap();
+        let text = answer.body_mut().read_to_string().unwrap();
+        let asked: Value = serde_json::from_str(&text).unwrap();
+        // What is said on the way, of windows that saw both, may be less than the whole.
+        while next_accused(&mut running, &url) != expected {}
+        let now = get(&path)["items"][0].clone();
+        let took_s = now["simulated_s"].as_f64().unwrap() - asked["since_s"].as_f64().unwrap();
+        assert!(took_s < 30.0, "{scenario} after {took_s} s of the stream");
+    }
+    assert_eq!(running.signal("INT"), Some(0));
+    assert_eq!(n_files(&dir), 0, "the temporary folder is gone");
 }
 
 #[test]

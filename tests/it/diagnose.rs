@@ -1,10 +1,10 @@
 //! `rotorwatch diagnose`: verdicts on stdout, trouble on stderr, and what the exit code says.
 
+use crate::impulses::Defect;
+use crate::impulses::Scene;
+use crate::impulses::files;
 use crate::support;
 use crate::support::Ended;
-use rotorwatch::demo::files;
-use rotorwatch::demo::impulses::Defect;
-use rotorwatch::demo::impulses::Scene;
 use serde_json::Value;
 use std::fs;
 use tempfile::TempDir;

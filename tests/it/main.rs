@@ -5,6 +5,7 @@
 
 mod support;
 mod scene;
+mod impulses;
 mod command_line;
 mod replay;
 mod shutdown;
@@ -20,3 +21,4 @@ mod diagnose;
 mod text_and_sound;
 mod check;
 mod demo;
+mod simulated;

@@ -4,3 +4,4 @@ mod alarms;
 mod guards;
 mod machines;
 mod signals;
+mod simulation;

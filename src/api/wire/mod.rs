@@ -12,6 +12,7 @@ pub mod signals;
 pub mod alarms;
 pub mod problem;
 pub mod system;
+pub mod simulation;
 
 pub use names::*;
 

@@ -19,7 +19,7 @@ pub struct ReadyWire {
 }
 
 /// The program and its streams.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct SystemWire {
     /// Program.
     pub name: String,
@@ -34,7 +34,7 @@ pub struct SystemWire {
 }
 
 /// How a machine's stream is doing.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct StreamWire {
     /// Machine id.
     pub machine: String,
@@ -58,6 +58,10 @@ pub struct StreamWire {
     pub duplicated: u64,
     /// Samples at the ends of the source's number range, summed over channels.
     pub clipped: u64,
+    /// How late a simulated source's newest block was, s; null for others.
+    pub simulation_lag_s: Option<f64>,
+    /// Lag it gave up since the start, s.
+    pub simulation_lag_given_up_s: Option<f64>,
     /// What is recorded; null if nothing is.
     pub recording: Option<RecordingWire>,
 }

@@ -1,28 +1,33 @@
 //! Vibration of a bearing with a local defect, in closed form: a train of decaying impulses.
 //!
-//! Pure: the scene, the seed and the duration are arguments; the same three give the same bits.
-//! Equations M1–M7 of `docs/theory.md`. Must not know files or diagnoses.
+//! The scene, the seed and the duration are arguments; the same three give the same bits. No
+//! simulation of a rig: it has what a local defect's vibration must have (strikes at the kinematic
+//! rate, load zone, ring-down, slip, noise) and a known answer. f_d: rate of the strikes, N: standard
+//! normal, θ: shaft angle.
 //!
-//! ```
-//! use rotorwatch::demo::impulses::{Defect, Scene};
-//!
-//! let scene = Scene { noise_rms_m_per_s2: 0.2, ..Scene::with(Defect::OuterRace) };
-//! let recording = scene.record(1, 0.5);
-//! assert_eq!(recording.x.len(), 6000);
-//! assert_eq!(recording, scene.record(1, 0.5));
-//! ```
+//! | no. | equation |
+//! |---|---|
+//! | M1 | t₀ = U/f_d, t_k+1 = t_k + max(1 + s·N_k, 0.1)/f_d; f_d = BPFI, BPFO or 2·BSF |
+//! | M2 | q(ψ) = max(0, 1 − (1 − cos ψ)/(2ε))^1.5 (Stribeck) |
+//! | M3 | a_k = A·q(ψ(t_k)); ψ = θ (inner race), 0 (outer race), 2π·FTF·t (rolling element) |
+//! | M4 | r(t) = Σ_k a_k·e^(−ζω(t − t_k))·sin(ω√(1 − ζ²)·(t − t_k)), t ≥ t_k |
+//! | M5 | h(t) = Σ_{n=1..3} B_n·cos(n(θ − λ)); λ = 0 in x, π/2 in y |
+//! | M6 | tacho: trapezoid once a turn, 5 V, rising through 2.5 V at θ = 0 |
+//! | M7 | x, y = r + h + σ·N, ω and N of their own for each axis |
 
-use crate::machine::bearing::FaultOrders;
-use crate::units::Hz;
+pub(crate) mod files;
+
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use rotorwatch::machine::bearing::FaultOrders;
+use rotorwatch::units::Hz;
 use std::f64::consts::PI;
 use std::f64::consts::TAU;
 
-/// Fault orders of the bearing in [`super::files::MACHINE`] (9 balls of 7.94 mm on 39.04 mm, SKF
+/// Fault orders of the bearing in [`files::MACHINE`] (9 balls of 7.94 mm on 39.04 mm, SKF
 /// 6205).
-pub const ORDERS: FaultOrders = FaultOrders {
+pub(crate) const ORDERS: FaultOrders = FaultOrders {
     ftf: 0.398_309_426_229_508_2,
     bpfo: 3.584_784_836_065_574,
     bpfi: 5.415_215_163_934_426,
@@ -43,7 +48,7 @@ const TACHO_PULSE: (f64, f64) = (0.25, 0.05);
 
 /// Where the bearing is damaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Defect {
+pub(crate) enum Defect {
     /// Struck at BPFI, while it turns through the load zone.
     InnerRace,
     /// Struck at BPFO, always in the load zone.
@@ -54,26 +59,26 @@ pub enum Defect {
 
 /// What is measured, and what is broken.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scene {
+pub(crate) struct Scene {
     /// Samples a second of every channel, > 0.
-    pub sample_rate: Hz,
+    pub(crate) sample_rate: Hz,
     /// Speed of the shaft, constant, > 0.
-    pub shaft_speed: Hz,
+    pub(crate) shaft_speed: Hz,
     /// The bearing, inner ring turning.
-    pub bearing: FaultOrders,
+    pub(crate) bearing: FaultOrders,
     /// What is broken; `None`: a healthy bearing.
-    pub defect: Option<Defect>,
+    pub(crate) defect: Option<Defect>,
     /// First peak of a ring-down, damping left aside, where the load is greatest: A, m/s².
     pub strike_m_per_s2: f64,
     /// Part of the way around over which the bearing carries load, Stribeck's ε: 0.5 without
     /// clearance, less with clearance, more with preload.
-    pub load_zone: f64,
+    pub(crate) load_zone: f64,
     /// Standard deviation of the time between two strikes, relative: s.
-    pub slip_jitter: f64,
+    pub(crate) slip_jitter: f64,
     /// Resonances of the housing in x and y.
-    pub resonance: [Hz; 2],
+    pub(crate) resonance: [Hz; 2],
     /// Damping ratio of both, 0 < ζ < 1.
-    pub damping_ratio: f64,
+    pub(crate) damping_ratio: f64,
     /// Amplitudes of the shaft's harmonics 1×, 2×, 3×, zero to peak, m/s².
     pub shaft_lines_m_per_s2: [f64; 3],
     /// White Gaussian noise of each accelerometer, RMS, m/s².
@@ -82,19 +87,19 @@ pub struct Scene {
 
 /// Samples of a scene, channels of equal length.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recording {
+pub(crate) struct Recording {
     /// Accelerometer at 0°, m/s².
-    pub x: Vec<f32>,
+    pub(crate) x: Vec<f32>,
     /// Accelerometer at 90°, m/s².
-    pub y: Vec<f32>,
+    pub(crate) y: Vec<f32>,
     /// Tacho, V: one pulse a revolution, its rising edge through half height at angle 0.
-    pub tacho: Vec<f32>,
+    pub(crate) tacho: Vec<f32>,
 }
 
 impl Scene {
     /// A healthy bearing of the demonstration's machine at 25 Hz, 12 kHz.
     #[must_use]
-    pub const fn healthy() -> Self {
+    pub(crate) const fn healthy() -> Self {
         Self {
             sample_rate: Hz(12_000.0),
             shaft_speed: Hz(25.0),
@@ -112,13 +117,13 @@ impl Scene {
 
     /// The same with a defect.
     #[must_use]
-    pub const fn with(defect: Defect) -> Self {
+    pub(crate) const fn with(defect: Defect) -> Self {
         Self { defect: Some(defect), ..Self::healthy() }
     }
 
     /// Mean rate of the strikes (M1); `None` for a healthy bearing.
     #[must_use]
-    pub fn strike_rate(&self) -> Option<Hz> {
+    pub(crate) fn strike_rate(&self) -> Option<Hz> {
         let order = match self.defect? {
             Defect::InnerRace => self.bearing.bpfi,
             Defect::OuterRace => self.bearing.bpfo,
@@ -129,7 +134,7 @@ impl Scene {
 
     /// Samples a channel of `duration_s` has, 10⁸ at most.
     #[must_use]
-    pub fn n_samples(&self, duration_s: f64) -> usize {
+    pub(crate) fn n_samples(&self, duration_s: f64) -> usize {
         let n = (duration_s * self.sample_rate.0).round().clamp(0.0, MAX_SAMPLES);
         #[expect(
             clippy::cast_possible_truncation,
@@ -142,7 +147,7 @@ impl Scene {
 
     /// Makes `duration_s` seconds of the scene, the first sample at time 0 (M7).
     #[must_use]
-    pub fn record(&self, seed: u64, duration_s: f64) -> Recording {
+    pub(crate) fn record(&self, seed: u64, duration_s: f64) -> Recording {
         let n = self.n_samples(duration_s);
         let strikes = self.strikes(&mut stream(seed, 0), n as f64 / self.sample_rate.0);
         let axis = |axis: usize, source: u64| {
@@ -284,7 +289,7 @@ mod tests {
 
     #[test]
     fn the_orders_are_those_of_the_machine_file() {
-        let machine = crate::machine::file::parse(super::super::files::MACHINE, "demo.toml");
+        let machine = rotorwatch::machine::file::parse(super::files::MACHINE, "demo.toml");
         let orders = machine.unwrap().bearings[0].fault_orders().unwrap();
         let close = |a: f64, b: f64| (a - b).abs() < 1e-12; // a few roundings of numbers near 5
         assert!(close(orders.bpfi, ORDERS.bpfi) && close(orders.bpfo, ORDERS.bpfo), "{orders:?}");

@@ -2,11 +2,15 @@
 //!
 //! As [`super::writer`] does, a file is complete and durable under its name, or not there at all.
 
+use super::checksums;
 use super::error::{CaptureError, LibraryError};
-use super::hdf5::{GrowingDataset, NewFile, NewGroup};
+use super::hdf5::{GrowingDataset, NewFile, NewGroup, NewStorage};
+use super::integrity::{BLOCK_SAMPLES, BlockSums, ChannelFacts, Statement};
 use super::layout::{FORMAT, VERSION};
+use super::received::NumberType;
 use super::writer::CaptureHeader;
 use crate::units::{Hz, SourceUnit};
+use std::convert::Infallible;
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
 
@@ -70,10 +74,13 @@ pub struct Truth {
 /// A channel with the samples that do not fill a chunk yet.
 #[derive(Debug)]
 struct Column {
-    name: String,
+    header: GrowingChannel,
     dataset: GrowingDataset,
     held: Held,
     n_samples: u64,
+    /// Of whole blocks so far, four bytes each.
+    sums: Vec<u32>,
+    summed: BlockSums,
 }
 
 #[derive(Debug)]
@@ -89,6 +96,7 @@ enum Held {
 pub struct StreamingWriter {
     path: PathBuf,
     temporary: PathBuf,
+    header: CaptureHeader,
     columns: Vec<Column>,
     channels: Option<NewGroup>,
     file: Option<NewFile>,
@@ -106,7 +114,7 @@ impl StreamingWriter {
     /// # Errors
     ///
     /// [`CaptureError::Write`] if the folder cannot be written, [`CaptureError::Content`] for a
-    /// start time, which these captures have none of, or a truth that is too long.
+    /// start time outside RFC 3339 or a truth that is too long.
     pub fn create(
         path: &Path,
         header: &CaptureHeader,
@@ -114,11 +122,19 @@ impl StreamingWriter {
     ) -> Result<Self, CaptureError> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-        let mut writer =
-            Self { path: path.into(), temporary, columns: Vec::new(), channels: None, file: None };
-        if header.start_time.is_some() {
-            return Err(writer.content("start_time", "a simulated capture has none".into()));
-        }
+        let mut writer = Self {
+            path: path.into(),
+            temporary,
+            header: header.clone(),
+            columns: Vec::new(),
+            channels: None,
+            file: None,
+        };
+        let start_time = header.start_time.map(|time| {
+            jiff::Timestamp::from_nanosecond(i128::from(time.0))
+                .map_err(|error| writer.content("start_time", error.to_string()))
+        });
+        let start_time = start_time.transpose()?;
         if let Some((name, text)) = truth.texts.iter().find(|t| t.1.len() > MAX_TRUTH_BYTES) {
             let problem = format!("{} bytes; up to {MAX_TRUTH_BYTES} are written", text.len());
             return Err(writer.content(&format!("truth/{name}"), problem));
@@ -128,6 +144,9 @@ impl StreamingWriter {
         let declare = || {
             file.text("format", FORMAT)?;
             file.number("version", i64::from(VERSION))?;
+            if let Some(time) = start_time {
+                file.text("start_time", &time.to_string())?;
+            }
             if let Some(text) = &header.machine {
                 file.text("machine", text)?;
             }
@@ -179,7 +198,7 @@ impl StreamingWriter {
             let object = format!("channel {channel}");
             return Err(self.content(&object, "there is none of this number".into()));
         };
-        let name = format!("channels/{}", column.name);
+        let name = format!("channels/{}", column.header.name);
         match column.take(samples) {
             Ok(true) => Ok(()),
             Ok(false) => Err(self.content(&name, "samples of another number type".into())),
@@ -194,18 +213,21 @@ impl StreamingWriter {
     /// [`CaptureError::Content`] for a channel without samples, [`CaptureError::Write`] or
     /// [`CaptureError::Io`]; an older file of that name is then untouched.
     pub fn finish(mut self) -> Result<(), CaptureError> {
-        for mut column in std::mem::take(&mut self.columns) {
-            let name = format!("channels/{}", column.name);
-            let flushed = column.flush(1);
-            let is_empty = column.n_samples == 0;
-            flushed.map_err(|source| self.write_error(&name, source))?;
-            if is_empty {
+        let mut columns = std::mem::take(&mut self.columns);
+        for column in &mut columns {
+            let name = format!("channels/{}", column.header.name);
+            column.flush(1).map_err(|source| self.write_error(&name, source))?;
+            if column.n_samples == 0 {
                 return Err(self.content(&name, "no samples".into()));
             }
         }
         self.channels = None;
         if let Some(file) = self.file.take() {
-            file.close().map_err(|source| self.write_error("the file", source))?;
+            let summed = self.write_sums(&file, &mut columns);
+            drop(columns);
+            summed
+                .and_then(|()| file.close())
+                .map_err(|source| self.write_error("the file", source))?;
         }
         let io = |action| {
             let file = self.path.clone();
@@ -219,6 +241,42 @@ impl StreamingWriter {
             _ => Path::new("."),
         };
         sync(folder).map_err(io("flush its folder to the disk"))
+    }
+
+    /// Writes `/checksums` and the checksum of what the file states about itself.
+    fn write_sums(&self, file: &NewFile, columns: &mut [Column]) -> Result<(), LibraryError> {
+        let group = file.group(checksums::GROUP)?;
+        for column in columns.iter_mut() {
+            column.sums.extend(column.summed.rest().map(|(_, sum)| sum));
+            let name = &column.header.name;
+            let table = group.dataset(name, &column.sums, NewStorage::default())?;
+            table.number(checksums::BLOCK, BLOCK_SAMPLES)?;
+            table.number(checksums::SAMPLES, column.n_samples)?;
+        }
+        let CaptureHeader { start_time, machine, shaft_speed } = &self.header;
+        let mut statement =
+            Statement::new(Some(FORMAT), *start_time, machine.as_deref(), *shaft_speed);
+        let mut sorted: Vec<&GrowingChannel> =
+            columns.iter().map(|column| &column.header).collect();
+        sorted.sort_by(|a, b| a.name.cmp(&b.name));
+        for channel in sorted {
+            let (number_type, scale, offset) = match channel.number {
+                GrowingType::I16 { scale, offset } => (NumberType::I16, scale, offset),
+                GrowingType::F32 => (NumberType::F32, 1.0, 0.0),
+                GrowingType::F64 => (NumberType::F64, 1.0, 0.0),
+            };
+            statement.channel(&ChannelFacts {
+                name: &channel.name,
+                number_type,
+                sample_rate: channel.sample_rate,
+                unit: channel.unit.as_deref(),
+                sensor: channel.sensor.as_deref(),
+                scale,
+                offset,
+            });
+        }
+        statement.segments(None);
+        file.number(checksums::STATEMENT, statement.sum())
     }
 
     fn content(&self, object: &str, problem: String) -> CaptureError {
@@ -246,16 +304,24 @@ impl Drop for StreamingWriter {
 impl Column {
     /// Takes samples and writes whole chunks; `false` for samples of another type.
     fn take(&mut self, samples: GrowingSamples<'_>) -> Result<bool, LibraryError> {
+        let (sums, summed) = (&mut self.sums, &mut self.summed);
+        let mut keep = |_: u64, sum: u32| {
+            sums.push(sum);
+            Ok::<(), Infallible>(())
+        };
         let n = match (&mut self.held, samples) {
             (Held::I16(held), GrowingSamples::I16(samples)) => {
+                let Ok(()) = summed.add(samples, &mut keep);
                 held.extend_from_slice(samples);
                 samples.len()
             }
             (Held::F32(held), GrowingSamples::F32(samples)) => {
+                let Ok(()) = summed.add(samples, &mut keep);
                 held.extend_from_slice(samples);
                 samples.len()
             }
             (Held::F64(held), GrowingSamples::F64(samples)) => {
+                let Ok(()) = summed.add(samples, &mut keep);
                 held.extend_from_slice(samples);
                 samples.len()
             }
@@ -309,7 +375,8 @@ fn declare(group: &NewGroup, channel: &GrowingChannel) -> Result<Column, Library
         dataset.number("scale", scale)?;
         dataset.number("offset", offset)?;
     }
-    Ok(Column { name: name.clone(), dataset, held, n_samples: 0 })
+    let (sums, summed) = (Vec::new(), BlockSums::new(BLOCK_SAMPLES));
+    Ok(Column { header: channel.clone(), dataset, held, n_samples: 0, sums, summed })
 }
 
 fn check(channel: &GrowingChannel) -> Result<(), String> {
@@ -334,81 +401,4 @@ fn check(channel: &GrowingChannel) -> Result<(), String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::hints::Hints;
-    use super::super::reader::CaptureReader;
-    use super::*;
-
-    fn channel(name: &str, number: GrowingType) -> GrowingChannel {
-        GrowingChannel {
-            name: name.into(),
-            sample_rate: Hz(1000.0),
-            unit: Some("m/s^2".into()),
-            sensor: None,
-            number,
-        }
-    }
-
-    fn truth() -> Truth {
-        Truth { texts: vec![("scene".into(), "[scene]".into())], seed: 7 }
-    }
-
-    fn write(path: &Path, pieces: usize) {
-        let header = CaptureHeader { machine: Some("text".into()), ..CaptureHeader::default() };
-        let mut writer = StreamingWriter::create(path, &header, &truth()).unwrap();
-        writer.channel(&channel("a", GrowingType::I16 { scale: 0.5, offset: 1.0 })).unwrap();
-        writer.channel(&channel("b", GrowingType::F64)).unwrap();
-        let counts: Vec<i16> = (0..40_000_u16).map(|i| i16::try_from(i % 1000).unwrap()).collect();
-        let values: Vec<f64> = (0..40_000_u32).map(f64::from).collect();
-        for (a, b) in counts.chunks(40_000 / pieces).zip(values.chunks(40_000 / pieces)) {
-            writer.append(0, GrowingSamples::I16(a)).unwrap();
-            writer.append(1, GrowingSamples::F64(b)).unwrap();
-        }
-        let wrong = writer.append(1, GrowingSamples::F32(&[1.0])).unwrap_err().to_string();
-        assert!(wrong.contains("another number type"), "{wrong}");
-        writer.finish().unwrap();
-    }
-
-    #[test]
-    fn what_grew_is_read_back_and_is_the_same_however_it_was_cut() {
-        let dir = tempfile::tempdir().unwrap();
-        let (one, many) = (dir.path().join("one.h5"), dir.path().join("many.h5"));
-        write(&one, 1);
-        write(&many, 125);
-        let again = dir.path().join("again.h5");
-        write(&again, 125);
-        assert!(fs::read(&again).unwrap() == fs::read(&many).unwrap(), "bit by bit");
-        check_read_back(&one);
-        check_read_back(&many);
-    }
-
-    fn check_read_back(path: &Path) {
-        let mut reader = CaptureReader::open(path, None, &Hints::default()).unwrap();
-        let mut sums = [0.0_f64; 2];
-        let mut n = [0_usize; 2];
-        while let Some(block) = reader.next_block().unwrap() {
-            let i = block.channel.0;
-            sums[i] += block.samples.iter().map(|x| f64::from(*x)).sum::<f64>();
-            n[i] += block.samples.len();
-        }
-        assert_eq!(n, [40_000, 40_000]);
-        // 40 times 0…999, half of it; the offset of 1 the reader keeps apart. 0…39 999 (whole numbers
-        // are exact in f32).
-        let expected = [40.0 * 499_500.0 * 0.5, 40_000.0 * 39_999.0 / 2.0];
-        for (sum, expected) in sums.iter().zip(expected) {
-            assert!((sum / expected - 1.0).abs() < 1e-9, "{sum} {expected}");
-        }
-    }
-
-    #[test]
-    fn nothing_remains_of_what_was_not_finished() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("x.h5");
-        let mut writer =
-            StreamingWriter::create(&path, &CaptureHeader::default(), &truth()).unwrap();
-        writer.channel(&channel("a", GrowingType::F32)).unwrap();
-        let text = writer.finish().unwrap_err().to_string();
-        assert!(text.ends_with("channels/a: no samples"), "{text}");
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
-    }
-}
+mod tests;

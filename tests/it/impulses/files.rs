@@ -1,27 +1,27 @@
 //! A scene as the files a user would have: a capture and its machine file.
 
-use super::impulses::Scene;
-use crate::capture::error::CaptureError;
-use crate::capture::writer::CaptureHeader;
-use crate::capture::writer::CaptureWriter;
-use crate::capture::writer::ChannelHeader;
-use crate::capture::writer::ChannelSamples;
-use crate::capture::writer::ChannelStorage;
+use super::Scene;
+use rotorwatch::capture::error::CaptureError;
+use rotorwatch::capture::writer::CaptureHeader;
+use rotorwatch::capture::writer::CaptureWriter;
+use rotorwatch::capture::writer::ChannelHeader;
+use rotorwatch::capture::writer::ChannelSamples;
+use rotorwatch::capture::writer::ChannelStorage;
 use std::path::Path;
 
-/// The demonstration's machine file: id `demo`, shaft `main`, bearing `drive-end`, channels
+/// The machine file of the impulses: id `demo`, shaft `main`, bearing `drive-end`, channels
 /// `drive_x`, `drive_y` (m/s²) and `tacho`.
-pub const MACHINE: &str = include_str!("machine.toml");
+pub(crate) const MACHINE: &str = include_str!("machine.toml");
 
-/// What every channel of the demonstration says it was measured by.
-pub const SENSOR_NOTE: &str = "demo signal: closed-form impulses, not a rig simulation";
+/// What every channel says it was measured by.
+pub(crate) const SENSOR_NOTE: &str = "closed-form impulses, not a rig simulation";
 
 /// Writes `duration_s` seconds of a scene as the capture `path`: channels `drive_x`, `drive_y` and
 /// `tacho`, the scene's speed as `shaft_speed_hz`, no machine text.
 ///
 /// # Errors
 /// When the capture cannot be written.
-pub fn write_capture(
+pub(crate) fn write_capture(
     path: &Path,
     scene: &Scene,
     seed: u64,
