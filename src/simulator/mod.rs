@@ -18,6 +18,7 @@ pub mod etd;
 pub mod contact;
 pub mod model;
 pub mod run;
+pub mod reference;
 pub mod sensor;
 pub mod linear;
 pub mod scene;

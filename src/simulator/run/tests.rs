@@ -59,7 +59,7 @@ fn unbalance_and_bow_of_a_jeffcott_rotor_are_the_closed_form() {
 }
 
 /// Set A: rig at 40 Hz on two ball bearings, the right one damaged by a step.
-pub(super) fn set_a(width_inch: f64, depth_mil: f64) -> (Model, Plane, Vec<f64>) {
+pub(in crate::simulator) fn set_a(width_inch: f64, depth_mil: f64) -> (Model, Plane, Vec<f64>) {
     let mut rotor = rig(24);
     for support in &mut rotor.supports {
         support.ring_mass_kg = 0.05;
