@@ -78,6 +78,8 @@ pub struct Model {
     pub linear_seats: Vec<LinearSeat>,
     /// Gyroscopic matrix, row by row; empty: left out.
     gyroscopic: Vec<f64>,
+    /// A time within the present step: which side of a bend of the speed it lies on, s.
+    side_s: Option<f64>,
 }
 
 impl Model {
@@ -95,6 +97,7 @@ impl Model {
             seats: Vec::new(),
             linear_seats: Vec::new(),
             gyroscopic,
+            side_s: None,
             basis,
         }
     }
@@ -172,6 +175,7 @@ impl Model {
 
     /// Decides on which side of every edge a step lies, by its middle.
     pub fn set_side(&mut self, middle_s: f64) {
+        self.side_s = Some(middle_s);
         let angle = self.speed.at(middle_s).angle_rad;
         for seat in &mut self.seats {
             seat.contacts.set_side(angle);
@@ -182,7 +186,7 @@ impl Model {
 impl Load for Model {
     fn force(&mut self, time_s: f64, q: &[f64], v: &[f64], out: &mut [f64]) {
         let n = self.basis.len();
-        let turning = self.speed.at(time_s);
+        let turning = self.speed.at_side(time_s, self.side_s.unwrap_or(time_s));
         let (sin, cos) = turning.angle_rad.sin_cos();
         let square = turning.speed_rad_per_s * turning.speed_rad_per_s;
         let rising = turning.acceleration_rad_per_s2;

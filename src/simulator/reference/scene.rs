@@ -76,7 +76,8 @@ impl Setting {
         Reference::new(self.model.clone(), step_s, self.state.clone(), tolerance)
     }
 
-    /// What a clean sensor makes of values every `step_s`, SI: anti-alias filter and sampling.
+    /// What a clean sensor makes of values every `step_s`, SI: anti-alias filter and sampling. From rest
+    /// the filter begins empty: what the load's onset does to the acceleration at time 0 is beyond its band.
     ///
     /// # Panics
     ///
@@ -99,6 +100,12 @@ impl Setting {
             dropouts_s: Vec::new(),
         };
         let mut chain = Chain::new(chain, 0, 0);
+        let from_rest = self.state.is_none();
+        if from_rest {
+            for _ in 0..oversampling {
+                let _ = chain.push(0.0);
+            }
+        }
         values.iter().filter_map(|value| chain.push(*value)).collect()
     }
 }
