@@ -15,7 +15,6 @@ pub(crate) struct Exact<'a> {
     setting: &'a Setting,
     grid_s: f64,
     values: Vec<Vec<f64>>,
-    pub(crate) n_forces: u64,
 }
 
 impl<'a> Exact<'a> {
@@ -29,7 +28,7 @@ impl<'a> Exact<'a> {
                 list.push(reference.observe(watch));
             }
         }
-        Self { setting, grid_s, values, n_forces: reference.n_forces() }
+        Self { setting, grid_s, values }
     }
 
     /// The record that a run in steps of this length should give.

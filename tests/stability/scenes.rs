@@ -4,27 +4,30 @@ use rotorwatch::simulator::scene::Scene;
 
 /// A variant of the rig at 40 Hz on two ball bearings, the right one damaged or not.
 #[derive(Clone, Copy)]
-pub(crate) struct Rig {
+pub(crate) struct Rig<'a> {
     /// `[speed]`.
-    pub(crate) speed: &'static str,
+    pub(crate) speed: &'a str,
     /// Clearance or interference of both bearings.
-    pub(crate) fit: &'static str,
+    pub(crate) fit: &'a str,
     pub(crate) gravity: bool,
     /// Width, in, depth, mil, and profile of the inner-race defect of the right bearing.
-    pub(crate) defect: Option<(f64, f64, &'static str)>,
+    pub(crate) defect: Option<(f64, f64, &'a str)>,
     /// `[modes]`.
-    pub(crate) modes: &'static str,
+    pub(crate) modes: &'a str,
     pub(crate) accuracy: f64,
+    /// Of both discs, in phase.
+    pub(crate) eccentricity_um: f64,
 }
 
 /// Set A, bearing 3: interference, a step 0.05 in wide and 4 mil deep, from rest.
-pub(crate) const A3: Rig = Rig {
+pub(crate) const A3: Rig<'static> = Rig {
     speed: "constant_hz = 40.0",
     fit: "interference_um = 0.5",
     gravity: false,
     defect: Some((0.05, 4.0, "step")),
     modes: "count = 12\ndamping = 0.002",
     accuracy: 1e-4,
+    eccentricity_um: 100.0,
 };
 
 /// Set D with the true path of the balls: clearance and gravity.
@@ -32,16 +35,16 @@ pub(crate) const D3: Rig =
     Rig { fit: "clearance_um = 2.0", gravity: true, defect: Some((0.05, 4.0, "geometric")), ..A3 };
 
 /// Set D without a defect: balls are loaded and unloaded.
-pub(crate) const D0: Rig = Rig { defect: None, ..D3 };
+pub(crate) const D0: Rig<'static> = Rig { defect: None, ..D3 };
 
 const SHAFT: &str = "[shaft]\nlength_in = 21.0\ndiameter_in = 0.625\nyoung_gpa = 206.8427\n\
     poisson = 0.29\ndensity_kg_per_m3 = 7833.4\n";
 
-fn discs() -> String {
+fn discs(eccentricity_um: f64) -> String {
     let disc = |at: f64| {
         format!(
             "[[disc]]\nat_in = {at}\ndiameter_in = 6.0\nwidth_in = 0.625\n\
-             density_kg_per_m3 = 2700.0\neccentricity_um = 100.0\n"
+             density_kg_per_m3 = 2700.0\neccentricity_um = {eccentricity_um:?}\n"
         )
     };
     format!("{}{}", disc(7.2985), disc(13.7015))
@@ -63,7 +66,7 @@ fn sensors() -> String {
     )
 }
 
-impl Rig {
+impl Rig<'_> {
     /// The scene.
     pub(crate) fn scene(&self) -> Scene {
         let Self { speed, fit, gravity, modes, accuracy, .. } = self;
@@ -84,7 +87,7 @@ impl Rig {
         let text = format!(
             "[scene]\nname = \"rig\"\nduration_s = 1.0\nstart = \"rest\"\ngravity = {gravity}\n\
              accuracy = {accuracy:e}\n[speed]\n{speed}\n{SHAFT}[modes]\n{modes}\n{}{}{}{defect}{}",
-            discs(),
+            discs(self.eccentricity_um),
             ball("left", 3.5148),
             ball("right", 17.4852),
             sensors()
@@ -106,7 +109,7 @@ pub(crate) fn bow_run_up() -> Scene {
         "[scene]\nname = \"bow\"\nduration_s = 1.0\nstart = \"rest\"\n[speed]\n\
          points = [[0.0, 0.0], [0.1, 200.0]]\n{SHAFT}[modes]\ncount = 12\ndamping = 0.01\n\
          [bow]\nshape = \"half_sine\"\namplitude_mil = 8.0\n{}{}{}{}",
-        discs(),
+        discs(100.0),
         bearing("left", 3.5148),
         bearing("right", 17.4852),
         sensors()
