@@ -73,3 +73,36 @@ fn errors_by_shapes() {
         }
     }
 }
+
+/// Seconds of the record for other programs, and its grid.
+const PEER: (f64, f64) = (0.02, 20e-6);
+
+#[test]
+#[ignore = "writes target/peers/bearing.csv, what benches/peers compares other programs with"]
+fn reference_for_peers() {
+    // All shapes of 24 elements and no modal damping: the finite-element equations themselves.
+    let modes = "count = 48\ndamping = 0.0\nelements_per_span = 4";
+    let setting = Setting::new(&Rig { modes, ..A3 }.scene()).unwrap();
+    assert_eq!(setting.model.basis.len(), 50, "all shapes");
+    let record = Exact::new(&setting, PEER.1, PEER.0, 1e-12).at(PEER.1);
+    let mut text = "time_s,right_x_m,right_y_m\n".to_owned();
+    for (i, (x, y)) in record.bearings[2].iter().zip(&record.bearings[3]).enumerate() {
+        text.push_str(&format!("{:.9},{x:.15e},{y:.15e}\n", PEER.1 * i as f64));
+    }
+    std::fs::create_dir_all("target/peers").unwrap();
+    std::fs::write("target/peers/bearing.csv", text).unwrap();
+}
+
+#[test]
+#[ignore = "prints processor time of the existing integrator; a figure, not a test"]
+#[expect(clippy::print_stdout, reason = "that is what it is for")]
+fn cost_by_step() {
+    let setting = Setting::new(&A3.scene()).unwrap();
+    println!("| scene | step, µs | processor time a simulated second, s |\n|---|---|---|");
+    for step_s in [50e-6, 20e-6, 10e-6, 5e-6, 2.5e-6] {
+        let start = cpu_time::ProcessTime::now();
+        stepped(&setting, step_s, 1.0, true);
+        let spent_s = start.elapsed().as_secs_f64();
+        println!("| A, bearing 3 | {} | {spent_s:.3} |", step_s * 1e6);
+    }
+}
