@@ -13,6 +13,7 @@ pub mod hertz;
 pub mod beam;
 pub mod rotor;
 pub mod modes;
+pub mod reduction;
 pub mod speed;
 pub mod etd;
 pub mod contact;

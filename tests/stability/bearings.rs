@@ -1,7 +1,7 @@
 //! Ball bearings on the rig: order of the steps, clearances, edges on and between samples, speed zero
 //! and reversed, the same twice.
 
-use crate::errors::{Exact, Record, stepped, steps, worst};
+use crate::errors::{Exact, Record, mean_accelerations, stepped, steps, worst};
 use crate::rows::{Row, hold};
 use crate::scenes::{A3, D0, D3, Rig, bow_run_up};
 use rotorwatch::simulator::contact::Contacts;
@@ -132,6 +132,30 @@ fn modes_alone_leave_a_stiff_bearing_too_stiff() {
         // 1.05e-7 of 1.728e-7 there.
         Row::new("truncated basis: of 40 + 2 shapes", "8 modes", 0.61, without / whole, 0.1),
     ];
+    hold(&rows);
+}
+
+#[test]
+fn the_shapes_chosen_err_ten_times_the_accuracy_at_most() {
+    let (step_s, seconds) = (2e-6, 0.02);
+    let mut rows = Vec::new();
+    for (name, rig) in [("A, bearing 3", A3), ("D, bearing 0", D0)] {
+        let record = |modes: &str, accuracy: f64| {
+            let setting = setting(&Rig { modes, accuracy, ..rig }.scene());
+            let found = stepped(&setting, step_s, seconds, true);
+            (mean_accelerations(&setting, step_s, &found), setting.model.basis.len())
+        };
+        // 24 elements have 50 degrees of freedom a plane.
+        let whole = "count = 48\ndamping = 0.002\nelements_per_span = 4";
+        let (right, n) = record(whole, 1e-4);
+        assert_eq!(n, 50, "all shapes");
+        for accuracy in [1e-4, 1e-6] {
+            let (found, n) = record("damping = 0.002\nelements_per_span = 4", accuracy);
+            let error = worst(&found.sensors, &right.sensors);
+            let parameters = format!("{name}, {n} shapes, accuracy {accuracy:e}");
+            rows.push(Row::below("reduction: sensors", parameters, error, 10.0 * accuracy));
+        }
+    }
     hold(&rows);
 }
 

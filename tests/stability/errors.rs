@@ -64,7 +64,9 @@ fn record(setting: &Setting, step_s: f64, mut values: Vec<Vec<f64>>) -> Record {
 }
 
 pub(crate) fn steps(seconds: f64, step_s: f64) -> usize {
-    (seconds / step_s).round() as usize
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to 1e6")]
+    let n = (seconds / step_s).round() as usize;
+    n
 }
 
 /// Largest difference in a list of channels, each relative to the reference's largest value there.
@@ -77,4 +79,18 @@ pub(crate) fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
         gap / largest
     };
     found.iter().zip(exact).map(of_channel).fold(0.0, f64::max)
+}
+
+/// The accelerations of the right bearing from its displacement, each a mean over two steps: points of
+/// an acceleration that jumps would fold what lies beyond the sensors into their band.
+pub(crate) fn mean_accelerations(setting: &Setting, step_s: f64, record: &Record) -> Record {
+    let square = step_s * step_s;
+    let sensor = |x: &Vec<f64>| {
+        // At rest before time 0.
+        let mut means = vec![(x[1] - 2.0 * x[0]) / square];
+        means.extend(x.windows(3).map(|x| (x[2] - 2.0 * x[1] + x[0]) / square));
+        setting.sampled(0, step_s, &means)
+    };
+    let right = &record.bearings[2..];
+    Record { bearings: record.bearings.clone(), sensors: right.iter().map(sensor).collect() }
 }

@@ -258,9 +258,9 @@ fn slope(
     let (q, v) = state.split_at(n);
     let (rate, acceleration) = out.split_at_mut(n);
     load.force(time_s, q, v, acceleration);
+    rate.copy_from_slice(v);
     for i in 0..n {
         let (omega, zeta) = (oscillators.omega_rad_per_s[i], oscillators.damping[i]);
-        rate[i] = v[i];
         acceleration[i] -= omega * (omega * q[i] + 2.0 * zeta * v[i]);
     }
 }
