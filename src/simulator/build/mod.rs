@@ -26,6 +26,10 @@ const LEAST_STEPS: f64 = 4.0;
 /// power of 1/accuracy. Measured: 14 + 2 shapes (2.4 times) err 5e-5, 20 + 2 (5.4 times) 9e-7.
 const BAND_MARGIN: (f64, f64) = (2.4, 0.176);
 
+/// Modes closer than this factor are kept or left out together: a shaft that is alike on both sides has
+/// pairs, and half a pair (19 + 2 shapes) errs a hundred times more than the whole (20 + 2).
+const PAIR: f64 = 1.05;
+
 /// Fewest and most modes that are chosen automatically.
 const MODES: (usize, usize) = (4, 40);
 
@@ -177,7 +181,12 @@ fn choose_modes(scene: &Scene, plane: &Plane) -> Result<usize, SceneErrors> {
     let (margin, power) = BAND_MARGIN;
     let wanted = TAU * band_hz(scene) * margin * (1e-4 / scene.accuracy).powf(power).max(1.0);
     let below = all.omega_rad_per_s.iter().take_while(|omega| **omega < wanted).count();
-    Ok((below + 1).clamp(MODES.0, MODES.1).min(all.len()))
+    let mut count = (below + 1).clamp(MODES.0, MODES.1).min(all.len());
+    let is_of_pair = |n: usize| all.omega_rad_per_s[n] < PAIR * all.omega_rad_per_s[n - 1];
+    while count < all.len() && is_of_pair(count) {
+        count += 1;
+    }
+    Ok(count)
 }
 
 fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
