@@ -25,6 +25,12 @@ pub fn explain(simulation: &Simulation) -> String {
         let _ = writeln!(text, "  {line}");
     }
     let _ = writeln!(text, "computed:\n  {}", computed(plan));
+    if let Some(error) = build::reduction_error(scene) {
+        let _ = writeln!(
+            text,
+            "  expected relative error of accelerations in the sensors' band, from the shapes left out: {error:.1e}"
+        );
+    }
     let _ = writeln!(text, "  {}", started(scene, plan));
     text
 }

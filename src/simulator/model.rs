@@ -120,6 +120,8 @@ pub struct Model {
     pub gears: Vec<GearSeat>,
     /// Gyroscopic matrix, row by row; empty: left out.
     gyroscopic: Vec<f64>,
+    /// A time within the present step: which side of a bend of the speed it lies on, s.
+    side_s: Option<f64>,
 }
 
 impl Model {
@@ -139,6 +141,7 @@ impl Model {
             torsion: None,
             gears: Vec::new(),
             gyroscopic,
+            side_s: None,
             basis,
         }
     }
@@ -248,6 +251,7 @@ impl Model {
 
     /// Decides on which side of every edge a step lies, by its middle.
     pub fn set_side(&mut self, middle_s: f64) {
+        self.side_s = Some(middle_s);
         let angle = self.speed.at(middle_s).angle_rad;
         for seat in &mut self.seats {
             seat.contacts.set_side(angle);
@@ -331,7 +335,7 @@ impl Model {
 impl Load for Model {
     fn force(&mut self, time_s: f64, q: &[f64], v: &[f64], out: &mut [f64]) {
         let n = self.basis.len();
-        let turning = self.speed.at(time_s);
+        let turning = self.speed.at_side(time_s, self.side_s.unwrap_or(time_s));
         let rising = turning.acceleration_rad_per_s2;
         let ((qx, rest_q), (vx, rest_v)) = (q.split_at(n), v.split_at(n));
         let ((qy, qt), (vy, vt)) = (rest_q.split_at(n), rest_v.split_at(n));

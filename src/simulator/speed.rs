@@ -24,22 +24,29 @@ pub struct Turning {
 }
 
 impl SpeedProfile {
-    /// The shaft at a time ≥ 0, s.
+    /// The shaft at a time ≥ 0, s; at a bend as after it.
     #[must_use]
     pub fn at(&self, time_s: f64) -> Turning {
+        self.at_side(time_s, time_s)
+    }
+
+    /// The shaft at a time, s, on the straight line that holds at `side_s`: at a bend, and in a step
+    /// that ends or begins there, the acceleration is that of the side.
+    #[must_use]
+    pub fn at_side(&self, time_s: f64, side_s: f64) -> Turning {
         let points = match self {
             Self::Constant(speed_hz) => return steady(*speed_hz, time_s),
             Self::Table(points) => points,
         };
         let Some(&(first_s, first_hz)) = points.first() else { return steady(0.0, time_s) };
-        if time_s <= first_s {
+        if side_s < first_s {
             return steady(first_hz, time_s);
         }
         let mut turns = first_hz * first_s;
         for pair in points.windows(2) {
             let ((from_s, from_hz), (to_s, to_hz)) = (pair[0], pair[1]);
             let slope = (to_hz - from_hz) / (to_s - from_s);
-            if time_s < to_s {
+            if side_s < to_s {
                 let t = time_s - from_s;
                 return Turning {
                     angle_rad: TAU * (turns + from_hz * t + 0.5 * slope * t * t),
@@ -148,6 +155,28 @@ mod tests {
         assert!((second - 1.875).abs() < 1e-15, "{second}");
         assert_eq!(profile.reversal(second, 3.0), None);
         assert_eq!(SpeedProfile::Constant(-1.0).reversal(0.0, 1.0), None);
+    }
+
+    #[test]
+    fn at_a_bend_the_side_decides() {
+        let profile = SpeedProfile::Table(vec![(0.0, 0.0), (0.5, 10.0), (1.5, 30.0)]);
+        for (time_s, before_s, after_s) in [(0.5, 0.4, 0.6), (1.5, 1.4, 1.6), (0.0, -0.1, 0.1)] {
+            let (before, after) =
+                (profile.at_side(time_s, before_s), profile.at_side(time_s, after_s));
+            // Angle and speed have no jump, but for rounding; the acceleration has.
+            assert!((before.angle_rad - after.angle_rad).abs() < 1e-12);
+            assert!((before.speed_rad_per_s - after.speed_rad_per_s).abs() < 1e-12);
+            let jump = after.acceleration_rad_per_s2 - before.acceleration_rad_per_s2;
+            let expected = if time_s > 1.0 {
+                -20.0
+            } else if time_s > 0.0 {
+                0.0
+            } else {
+                20.0
+            };
+            assert!((jump - TAU * expected).abs() < 1e-9, "{time_s}: {jump}");
+            assert_eq!(profile.at(time_s), after, "at the bend as after it");
+        }
     }
 
     #[test]

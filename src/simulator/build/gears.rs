@@ -25,7 +25,7 @@ pub(super) fn seat(
         let basis = if gear.is_rigid {
             rod.rigid(held_n_m)
         } else {
-            let highest = TAU * BAND_MARGIN * band_hz(scene);
+            let highest = TAU * BAND_MARGIN.0 * band_hz(scene);
             rod.basis(node, held_n_m, highest, MODES.1).map_err(|error| refused(scene, error))?
         };
         let mut torsion = Torsion::new(&rod, basis, scene.modes.damping);

@@ -29,6 +29,7 @@ pub struct Run {
     model: Model,
     plan: Etdrk4,
     step_s: f64,
+    is_aligned: bool,
     n_steps: i64,
     q: Vec<f64>,
     v: Vec<f64>,
@@ -73,6 +74,7 @@ impl Run {
             plan: Etdrk4::new(model.oscillators()),
             model,
             step_s,
+            is_aligned: true,
             n_steps: 0,
             start: Before { q: q.clone(), v: v.clone(), force: vec![0.0; n] },
             before: Before { q: q.clone(), v: v.clone(), force: Vec::new() },
@@ -87,6 +89,14 @@ impl Run {
     #[must_use]
     pub fn beginning_at(mut self, first_step: i64) -> Self {
         self.n_steps = first_step;
+        self
+    }
+
+    /// Does not cut steps at edges: what falls into a step happens at its nearer end. Only to show what
+    /// the cuts are worth.
+    #[must_use]
+    pub fn without_cuts(mut self) -> Self {
+        self.is_aligned = false;
         self
     }
 
@@ -110,7 +120,9 @@ impl Run {
         self.start.v.copy_from_slice(&self.v);
         self.cuts_s.clear();
         let mut cuts_s = std::mem::take(&mut self.cuts_s);
-        self.model.edges(from_s, to_s, &mut self.angles, &mut cuts_s);
+        if self.is_aligned {
+            self.model.edges(from_s, to_s, &mut self.angles, &mut cuts_s);
+        }
         cuts_s.push(to_s);
         cuts_s.sort_by(f64::total_cmp);
         let (mut at_s, mut first) = (from_s, true);

@@ -1,0 +1,96 @@
+//! Errors of time integration: a motion in steps against the reference of the same scene.
+
+use rotorwatch::simulator::reference::scene::Setting;
+use rotorwatch::simulator::run::{Run, Watch};
+
+/// Displacements of the bearings at every step, and samples of the sensors.
+pub(crate) struct Record {
+    pub(crate) bearings: Vec<Vec<f64>>,
+    pub(crate) sensors: Vec<Vec<f64>>,
+}
+
+/// The motion followed to a tolerance and looked at every `grid_s`; samples are made of any of its
+/// coarser grids.
+pub(crate) struct Exact<'a> {
+    setting: &'a Setting,
+    grid_s: f64,
+    values: Vec<Vec<f64>>,
+}
+
+impl<'a> Exact<'a> {
+    pub(crate) fn new(setting: &'a Setting, grid_s: f64, seconds: f64, tolerance: f64) -> Self {
+        let mut reference = setting.reference(grid_s, tolerance);
+        let watches: Vec<&Watch> = setting.bearings.iter().chain(&setting.sensors).collect();
+        let mut values = vec![Vec::new(); watches.len()];
+        for _ in 0..steps(seconds, grid_s) {
+            reference.step();
+            for (list, watch) in values.iter_mut().zip(&watches) {
+                list.push(reference.observe(watch));
+            }
+        }
+        Self { setting, grid_s, values }
+    }
+
+    /// The record that a run in steps of this length should give.
+    pub(crate) fn at(&self, step_s: f64) -> Record {
+        let every = steps(step_s, self.grid_s);
+        assert!((step_s / self.grid_s - every as f64).abs() < 1e-6, "{step_s} {}", self.grid_s);
+        let thin = |list: &Vec<f64>| list.iter().step_by(every).copied().collect();
+        record(self.setting, step_s, self.values.iter().map(thin).collect())
+    }
+}
+
+/// The motion in steps.
+pub(crate) fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: bool) -> Record {
+    let mut run = Run::new(setting.model.clone(), step_s, setting.state.clone());
+    if !is_aligned {
+        run = run.without_cuts();
+    }
+    let watches: Vec<&Watch> = setting.bearings.iter().chain(&setting.sensors).collect();
+    let mut values = vec![Vec::new(); watches.len()];
+    for _ in 0..steps(seconds, step_s) {
+        run.step();
+        for (list, watch) in values.iter_mut().zip(&watches) {
+            list.push(run.observe(watch));
+        }
+    }
+    record(setting, step_s, values)
+}
+
+fn record(setting: &Setting, step_s: f64, mut values: Vec<Vec<f64>>) -> Record {
+    let sensors = values.split_off(setting.bearings.len());
+    let sampled = |(i, values): (usize, &Vec<f64>)| setting.sampled(i, step_s, values);
+    Record { bearings: values, sensors: sensors.iter().enumerate().map(sampled).collect() }
+}
+
+pub(crate) fn steps(seconds: f64, step_s: f64) -> usize {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to 1e6")]
+    let n = (seconds / step_s).round() as usize;
+    n
+}
+
+/// Largest difference in a list of channels, each relative to the reference's largest value there.
+/// A channel that does not move in the reference must not move.
+pub(crate) fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
+    let of_channel = |(found, exact): (&Vec<f64>, &Vec<f64>)| {
+        assert_eq!(found.len(), exact.len());
+        let largest = exact.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let gap = found.iter().zip(exact).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+        gap / largest
+    };
+    found.iter().zip(exact).map(of_channel).fold(0.0, f64::max)
+}
+
+/// The accelerations of the right bearing from its displacement, each a mean over two steps: points of
+/// an acceleration that jumps would fold what lies beyond the sensors into their band.
+pub(crate) fn mean_accelerations(setting: &Setting, step_s: f64, record: &Record) -> Record {
+    let square = step_s * step_s;
+    let sensor = |x: &Vec<f64>| {
+        // At rest before time 0.
+        let mut means = vec![(x[1] - 2.0 * x[0]) / square];
+        means.extend(x.windows(3).map(|x| (x[2] - 2.0 * x[1] + x[0]) / square));
+        setting.sampled(0, step_s, &means)
+    };
+    let right = &record.bearings[2..];
+    Record { bearings: record.bearings.clone(), sensors: right.iter().map(sensor).collect() }
+}
