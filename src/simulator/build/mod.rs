@@ -59,6 +59,9 @@ pub struct Plan {
     pub steps_per_sample: u32,
     /// Whether motion is computed exactly: no contacts, constant speed.
     pub is_linear: bool,
+    /// Whether anti-alias filters are part of what is computed, or not needed; else they take points
+    /// of every step.
+    pub is_filtered: bool,
     /// Expected relative error of the motion.
     pub expected_error: f64,
     /// Whether that was measured on the scene's first moments, and not taken from set A.
@@ -241,6 +244,7 @@ fn plan(scene: &Scene, plane: &Plane, modes: &Basis, basis: &Basis) -> Plan {
         steps_per_sample,
         is_linear,
         expected_error: if is_linear { 1e-12 } else { error * (step_s / 10e-6).powi(4) },
+        is_filtered: is_linear,
         is_error_measured: false,
         cuts_at_contact: false,
         n_modes: modes.len(),

@@ -116,6 +116,11 @@ impl LinearSystem {
         &self.matrix
     }
 
+    /// Speed of the shaft, rad/s.
+    pub(super) fn speed_rad_per_s(&self) -> f64 {
+        self.speed_rad_per_s
+    }
+
     /// What a unit force along a row over all coordinates does to ẏ.
     pub(super) fn input(&self, row: &[f64]) -> DVector<f64> {
         let size = self.omega.len();

@@ -71,6 +71,7 @@ impl PortRun {
         let mut is_stale = self.is_stale;
         for _ in 0..n_steps {
             let begin_s = self.time_s();
+            let is_watched = self.n_steps.rem_euclid(self.watched_every) == 0;
             self.n_steps += 1;
             let end_s = self.time_s();
             let mut at_s = begin_s;
@@ -82,7 +83,7 @@ impl PortRun {
                     self.loads.set_side(middle_rad);
                 }
                 self.start_forces(simd, &now, true);
-                if at_s <= begin_s {
+                if is_watched && at_s <= begin_s {
                     self.observe(simd, &now, out);
                 }
                 let is_whole = edge_s.is_none() && at_s <= begin_s;
@@ -256,7 +257,7 @@ impl PortRun {
         let seen = self.work.seen.as_flattened();
         let force = &self.work.forces[0];
         let n = force.len().max(1);
-        for (i, (list, still)) in out.iter_mut().zip(&self.watched.steady).enumerate() {
+        for (i, (list, still)) in out.iter_mut().zip(&self.watched.still).enumerate() {
             let direct = self.watched.direct.get(i * n..(i + 1) * n).unwrap_or_default();
             let pushed: f64 = direct.iter().zip(force).map(|(a, f)| a * f).sum();
             list.push(seen[i] + now.of(still) + pushed);

@@ -52,6 +52,11 @@ impl Rows {
         Self { blocks: vec![vec![[0.0; WIDTH]; len]; n_rows.div_ceil(WIDTH)] }
     }
 
+    /// Length of the lists it can be applied to, or more.
+    pub(super) fn len(&self) -> usize {
+        self.blocks.first().map_or(0, Vec::len)
+    }
+
     /// Sets one row from its weights c.
     pub(super) fn set(&mut self, row: usize, weights: &[Complex<f64>]) {
         let block = &mut self.blocks[row / WIDTH];
@@ -62,7 +67,7 @@ impl Rows {
         }
     }
 
-    /// All rows times a list, into `out`, eight numbers a block.
+    /// All rows times the beginning of a list, into `out`, eight numbers a block.
     #[inline(always)]
     pub(super) fn times<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
         for (block, out) in self.blocks.iter().zip(out) {

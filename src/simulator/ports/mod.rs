@@ -10,24 +10,29 @@
 
 mod advance;
 mod balls;
+mod filter;
 mod lanes;
+mod linearise;
 mod loads;
 mod spectrum;
 mod step;
+mod watched;
 
 #[cfg(test)]
 mod tests;
 
-use super::linear::{LinearSystem, Seen, Steady};
+use super::linear::{LinearSystem, Steady};
 use super::mesh::Mesh;
-use super::model::{GearSeat, Model};
+use super::model::Model;
 use super::run::Watch;
-use lanes::{Rows, WIDTH};
+use lanes::WIDTH;
+use linearise::{Ports, linearised};
 use loads::{Loads, Look, Moment};
-use nalgebra::DVector;
+use nalgebra::Complex;
 use pulp::{Arch, Simd, WithSimd};
 use spectrum::Spectrum;
 use step::{Ported, StepMap};
+use watched::Watched;
 
 /// Grid steps between two exact evaluations of the angles.
 const STRIDE: i64 = 64;
@@ -40,6 +45,15 @@ const PILOT: (usize, usize) = (2000, 4);
 
 /// Least stiffness of a ball bearing in the linear part, of the support's in the basis.
 const LEAST_STIFFNESS: f64 = 0.05;
+
+/// What is watched, and the corner of the anti-alias filter before it, Hz; `None`: no filter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensed {
+    /// What is watched.
+    pub watch: Watch,
+    /// Corner of a Butterworth low-pass of eighth order.
+    pub corner_hz: Option<f64>,
+}
 
 /// A model in motion at constant speed.
 #[derive(Debug, Clone)]
@@ -58,6 +72,8 @@ pub struct PortRun {
     odd: StepMap,
     speed_rad_per_s: f64,
     step_s: f64,
+    /// Steps from one that is watched to the next.
+    watched_every: i64,
     /// Whether steps are cut where balls touch or leave.
     cuts_at_contact: bool,
     n_steps: i64,
@@ -77,15 +93,6 @@ struct Kept {
     list: Vec<f64>,
     read: Vec<f64>,
     now: Moment,
-}
-
-/// What is watched, as rows over the free motion, forces and steady motion.
-#[derive(Debug, Clone)]
-struct Watched {
-    rows: Rows,
-    /// Effect of the force at each port, [watch·n_in + port].
-    direct: Vec<f64>,
-    steady: Vec<[f64; 3]>,
 }
 
 /// Lists that steps need.
@@ -109,14 +116,13 @@ struct Work {
 }
 
 impl Work {
-    fn new((n_in, n_out): (usize, usize), n_watches: usize) -> Self {
+    fn new((n_in, n_out): (usize, usize)) -> Self {
         let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
         Self {
             now: vec![0.0; n_out],
             stage: vec![0.0; n_out],
             middle: vec![0.0; n_out],
             free: blocks(2 * n_out),
-            seen: blocks(n_watches),
             forces: std::array::from_fn(|_| vec![0.0; n_in]),
             amounts: vec![0.0; 3 * n_in],
             ..Self::default()
@@ -126,12 +132,12 @@ impl Work {
 
 impl PortRun {
     /// A run from rest, or from the state given (displacements and velocities of all coordinates),
-    /// in steps of `step_s`, the next of which is `first_step`. `None` where this way is not open:
-    /// speed not constant, no steady motion, overdamped or nearly defective linear part.
+    /// in steps of `step_s`, the next of which is `first_step`, watched nowhere yet. `None` where this
+    /// way is not open: speed not constant, no steady motion, overdamped or nearly defective linear
+    /// part.
     #[must_use]
     pub fn new(
         model: &Model,
-        watches: &[Watch],
         step_s: f64,
         first_step: i64,
         state: Option<(&[f64], &[f64])>,
@@ -142,16 +148,15 @@ impl PortRun {
         };
         let supports: Vec<_> = model.seats.iter().map(support).collect();
         let start = (first_step, state);
-        let mut pilot = Self::about(model, &[], step_s, start, &supports)?;
+        let mut pilot = Self::about(model, step_s, start, &supports)?;
         let stiffness = pilot.mean_stiffness_n_per_m();
-        let run = Self::about(model, watches, step_s, start, &stiffness);
-        run.or_else(|| Self::about(model, watches, step_s, start, &supports))
+        let run = Self::about(model, step_s, start, &stiffness);
+        run.or_else(|| Self::about(model, step_s, start, &supports))
     }
 
     /// A run with these stiffnesses of the ball bearings in the linear part.
     fn about(
         model: &Model,
-        watches: &[Watch],
         step_s: f64,
         (first_step, state): (i64, Option<(&[f64], &[f64])>),
         stiffness_n_per_m: &[[[f64; 2]; 2]],
@@ -162,36 +167,39 @@ impl PortRun {
         let spectrum = Spectrum::of(system.matrix())?;
         let loads = Loads::new(model, stiffness_n_per_m);
         let ports = Ports::new(model, &system);
-        let inputs: Vec<_> = ports.inputs.iter().map(|input| spectrum.input(input)).collect();
-        let outputs: Vec<_> = ports.outputs.iter().map(|row| spectrum.output(row)).collect();
-        let ported = Ported::new(&spectrum.values, &inputs, &outputs);
-        let arch = Arch::new();
-        let mut grid = StepMap::new(&ported);
-        arch.dispatch(SetStep { map: &mut grid, ported: &ported, step_s });
+        let watched = Watched::new((&system, &steady, &spectrum), &ports, &[]);
+        let ported = ported(&spectrum, &ports, &watched);
         let mut run = Self {
-            arch,
+            arch: Arch::new(),
             kept: Kept { list: Vec::new(), read: Vec::new(), now: Moment::at(0.0, &loads) },
             loads,
             still: ports.outputs.iter().map(|row| steady.seen_by(row)).collect(),
-            watched: watched(&system, &steady, &spectrum, &ports, watches),
+            watched,
+            grid: StepMap::new(&ported),
             odd: StepMap::new(&ported),
             model: model.clone(),
             list: vec![0.0; lanes::list_len(spectrum.values.len())],
             n_steps: first_step,
-            work: Work::new((ported.n_in, ported.n_out), watches.len()),
+            work: Work::new((ported.n_in, ported.n_out)),
             system,
             spectrum,
             steady,
             ported,
-            grid,
             speed_rad_per_s,
             step_s,
+            watched_every: 1,
             cuts_at_contact: false,
             now: None,
             is_stale: true,
         };
+        run.set_grid();
         run.begin(state);
         Some(run)
+    }
+
+    fn set_grid(&mut self) {
+        let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s: self.step_s };
+        self.arch.dispatch(set);
     }
 
     /// Runs a while and tells the mean tangent stiffness of every ball bearing, N/m: about it, what
@@ -220,26 +228,46 @@ impl PortRun {
     /// used before the first step.
     #[must_use]
     pub fn with_step(mut self, step_s: f64, first_step: i64) -> Self {
-        let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s };
-        self.arch.dispatch(set);
         (self.step_s, self.n_steps) = (step_s, first_step);
+        self.set_grid();
         self
     }
 
-    /// The same run with other watches.
+    /// The same run watched so, at the beginning of every `every`-th step from number 0 on; filters
+    /// begin empty. To be used before the first step.
     #[must_use]
-    pub fn watching(&self, watches: &[Watch]) -> Self {
-        let mut run = self.clone();
-        let ports = Ports::new(&run.model, &run.system);
-        run.watched = watched(&run.system, &run.steady, &run.spectrum, &ports, watches);
-        run.work.seen = vec![[0.0; WIDTH]; watches.len().div_ceil(WIDTH)];
-        run
+    pub fn watching(mut self, sensed: &[Sensed], every: u32) -> Self {
+        self.watched_every = i64::from(every.max(1));
+        self.set_watches(sensed);
+        let n_motion = self.spectrum.values.len();
+        let mut numbers = lanes::numbers(&self.list, n_motion);
+        let empty = vec![Complex::new(0.0, 0.0); self.watched.n_poles()];
+        let own = self.watched.states(&empty, &numbers, self.turn(), -1.0);
+        numbers.extend(own);
+        self.list = lanes::list(&numbers);
+        self
+    }
+
+    fn set_watches(&mut self, sensed: &[Sensed]) {
+        let ports = Ports::new(&self.model, &self.system);
+        let linear = (&self.system, &self.steady, &self.spectrum);
+        self.watched = Watched::new(linear, &ports, sensed);
+        self.ported = ported(&self.spectrum, &ports, &self.watched);
+        self.grid = StepMap::new(&self.ported);
+        self.odd = StepMap::new(&self.ported);
+        self.set_grid();
+        self.work.seen = vec![[0.0; WIDTH]; sensed.len().div_ceil(WIDTH)];
+    }
+
+    /// e^{iφ} at the next step's beginning.
+    fn turn(&self) -> Complex<f64> {
+        Complex::from_polar(1.0, self.shaft_rad(self.time_s()))
     }
 
     /// Number of watches.
     #[must_use]
     pub fn n_watches(&self) -> usize {
-        self.watched.steady.len()
+        self.watched.still.len()
     }
 
     /// Cuts steps where balls touch or leave, which keeps the order of four.
@@ -286,18 +314,26 @@ impl PortRun {
         self.system.coordinates(&(free + self.steady.state(self.shaft_rad(self.time_s()))))
     }
 
-    /// Exchanges loads and contacts for those of a model that differs in nothing else; the motion
-    /// goes on. `false`, and nothing changed, if there is no steady motion under them.
-    pub fn change(&mut self, model: &Model, watches: &[Watch]) -> bool {
+    /// Exchanges loads and contacts for those of a model that differs in nothing else; the motion and
+    /// what is in the filters go on. `false`, and nothing changed, if there is no steady motion under
+    /// them.
+    pub fn change(&mut self, model: &Model, sensed: &[Sensed]) -> bool {
         let Some(steady) = self.system.steady(model) else { return false };
         let (q, v) = self.state();
-        let ports = Ports::new(model, &self.system);
-        self.still = ports.outputs.iter().map(|row| steady.seen_by(row)).collect();
-        self.watched = watched(&self.system, &steady, &self.spectrum, &ports, watches);
+        let n_motion = self.spectrum.values.len();
+        let all = lanes::numbers(&self.list, n_motion + self.watched.n_poles());
+        let (motion, own) = all.split_at(n_motion);
+        let in_filters = self.watched.states(own, motion, self.turn(), 1.0);
         self.loads.exchange(model);
         self.steady = steady;
         self.model = model.clone();
+        self.set_watches(sensed);
+        let ports = Ports::new(model, &self.system);
+        self.still = ports.outputs.iter().map(|row| self.steady.seen_by(row)).collect();
         self.set_state((&q, &v));
+        let mut numbers = lanes::numbers(&self.list, n_motion);
+        numbers.extend(self.watched.states(&in_filters, &numbers, self.turn(), -1.0));
+        self.list = lanes::list(&numbers);
         true
     }
 
@@ -318,13 +354,13 @@ impl PortRun {
     }
 
     /// Takes `n` steps of the grid and appends to each list of `out` what its watch sees at the
-    /// beginning of each.
+    /// beginning of each that is watched.
     ///
     /// # Panics
     ///
     /// If `out` does not have one list a watch.
     pub fn fill(&mut self, n: usize, out: &mut [Vec<f64>]) {
-        assert_eq!(out.len(), self.watched.steady.len(), "one list a watch");
+        assert_eq!(out.len(), self.watched.still.len(), "one list a watch");
         let arch = self.arch;
         let mut left = n;
         while left > 0 {
@@ -337,101 +373,15 @@ impl PortRun {
     }
 }
 
-/// The linear part: with these stiffnesses of the ball bearings in place of the supports in the
-/// basis, their dampers, and the mean stiffness and the damper of the gears in place of what holds
-/// the torsion in its shapes.
-fn linearised(
-    model: &Model,
-    speed_rad_per_s: f64,
-    stiffness_n_per_m: &[[[f64; 2]; 2]],
-) -> LinearSystem {
-    let mut system = LinearSystem::new(model, speed_rad_per_s);
-    for (seat, stiffness) in model.seats.iter().zip(stiffness_n_per_m) {
-        let (support, damping) = (seat.support_n_per_m, seat.contacts.bearing().damping_n_s_per_m);
-        let rows = [0, 1].map(|plane| lateral(model, &seat.row, plane));
-        for (i, push) in rows.iter().enumerate() {
-            for (j, see) in rows.iter().enumerate() {
-                let (k, d) = if i == j { (support, damping) } else { (0.0, 0.0) };
-                system.stiffen(push, see, stiffness[i][j] - k, d);
-            }
-        }
-    }
-    for gear in &model.gears {
-        let turn = turning(model, &gear.turn);
-        system.stiffen(&turn, &turn, -gear.held_n_per_m, 0.0);
-        let [drive, _] = flanks(model, gear);
-        let (stiffness, damping) = loads::held(&gear.mesh);
-        system.stiffen(&drive, &drive, stiffness, damping);
-    }
-    system
-}
-
-/// A row of one plane as a row over all coordinates.
-fn lateral(model: &Model, row: &[f64], plane: usize) -> Vec<f64> {
-    let mut whole = vec![0.0; model.n_coordinates()];
-    whole[plane * row.len()..(plane + 1) * row.len()].copy_from_slice(row);
-    whole
-}
-
-/// A row of the torsion as a row over all coordinates.
-fn turning(model: &Model, row: &[f64]) -> Vec<f64> {
-    let mut whole = vec![0.0; model.n_coordinates()];
-    whole[2 * model.basis.len()..].copy_from_slice(row);
-    whole
-}
-
-/// Rows along which drive and back flanks of a gear push.
-fn flanks(model: &Model, gear: &GearSeat) -> [Vec<f64>; 2] {
-    let planes = [0, 1].map(|plane| lateral(model, &gear.row, plane));
-    let turn = turning(model, &gear.turn);
-    [(gear.drive, 1.0), (gear.back, -1.0)].map(|(direction, sense)| {
-        let along =
-            |i: usize| direction[0] * planes[0][i] + direction[1] * planes[1][i] + sense * turn[i];
-        (0..turn.len()).map(along).collect()
-    })
-}
-
-/// Where forces come in, and what is read of the motion: see [`loads`].
-struct Ports {
-    rows: Vec<Vec<f64>>,
-    inputs: Vec<DVector<f64>>,
-    outputs: Vec<DVector<f64>>,
-}
-
-impl Ports {
-    fn new(model: &Model, system: &LinearSystem) -> Self {
-        let of_seat = |seat: &super::model::Seat| [0, 1].map(|p| lateral(model, &seat.row, p));
-        let mut rows: Vec<Vec<f64>> = model.seats.iter().flat_map(of_seat).collect();
-        let n_lateral = rows.len();
-        for gear in &model.gears {
-            rows.extend(flanks(model, gear).into_iter().take(gear.mesh.n_flanks()));
-        }
-        let displacements = rows.iter().map(|row| system.displacement(row));
-        let velocities = rows[n_lateral..].iter().map(|row| system.velocity(row));
-        Self {
-            inputs: rows.iter().map(|row| system.input(row)).collect(),
-            outputs: displacements.chain(velocities).collect(),
-            rows,
-        }
-    }
-}
-
-fn watched(
-    system: &LinearSystem,
-    steady: &Steady,
-    spectrum: &Spectrum,
-    ports: &Ports,
-    watches: &[Watch],
-) -> Watched {
-    let mut rows = Rows::zero(watches.len(), lanes::list_len(spectrum.values.len()));
-    let (mut direct, mut still) = (Vec::new(), Vec::new());
-    for (i, watch) in watches.iter().enumerate() {
-        let Seen { row, constant, phasor } = Seen::by(system, steady, watch);
-        rows.set(i, &spectrum.output(&row));
-        direct.extend(ports.rows.iter().map(|row| system.direct(watch, row)));
-        still.push([constant, phasor.0, -phasor.1]);
-    }
-    Watched { rows, direct, steady: still }
+/// The coordinates of the motion and of the filters, with the ports.
+fn ported(spectrum: &Spectrum, ports: &Ports, watched: &Watched) -> Ported {
+    let values: Vec<_> = spectrum.values.iter().copied().chain(watched.rates()).collect();
+    let with_filters = |(port, input): (usize, &nalgebra::DVector<f64>)| {
+        spectrum.input(input).into_iter().chain(watched.input(port)).collect()
+    };
+    let inputs: Vec<Vec<_>> = ports.inputs.iter().enumerate().map(with_filters).collect();
+    let outputs: Vec<_> = ports.outputs.iter().map(|row| spectrum.output(row)).collect();
+    Ported::new(&values, &inputs, &outputs, spectrum.values.len())
 }
 
 struct SetStep<'a> {

@@ -64,13 +64,14 @@ const fn inverse_factorials() -> [f64; 18] {
 }
 
 impl Ported {
-    /// Coordinates of rates λ with what forces do to them and how displacements are read.
+    /// Coordinates of rates λ with what forces do to them, and how the first `n_read` of them are read.
     pub(super) fn new(
         values: &[Complex<f64>],
         inputs: &[Vec<Complex<f64>>],
         outputs: &[Vec<Complex<f64>>],
+        n_read: usize,
     ) -> Self {
-        let (n_out, len) = (outputs.len(), lanes::list_len(values.len()));
+        let (n_out, len) = (outputs.len(), lanes::list_len(n_read));
         let (mut early, mut late) = (Rows::zero(2 * n_out, len), Rows::zero(2 * n_out, len));
         for (i, weights) in outputs.iter().enumerate() {
             early.set(i, weights);
@@ -101,7 +102,7 @@ impl StepMap {
         let table = || vec![0.0; n_in * n_out];
         Self {
             whole: vec![0.0; len],
-            free: Rows::zero(2 * n_out, len),
+            free: Rows::zero(2 * n_out, ported.early.len()),
             columns: vec![0.0; 3 * n_in * len],
             stage: table(),
             carried: table(),
@@ -163,7 +164,7 @@ impl StepMap {
     fn rows<S: Simd>(&mut self, simd: S, ported: &Ported) {
         let given = ported.early.blocks.iter().zip(&ported.late.blocks);
         for (block, (early, late)) in self.free.blocks.iter_mut().zip(given) {
-            for g in 0..self.whole.len() / GROUP {
+            for g in 0..block.len() / GROUP {
                 for k in 0..WIDTH {
                     let (re, im) = (g * GROUP + k, g * GROUP + WIDTH + k);
                     let [half_re, half_im, whole_re, whole_im] =

@@ -3,7 +3,7 @@
 use crate::simulator::build::Plan;
 use crate::simulator::linear::{LinearRun, LinearSystem};
 use crate::simulator::model::Model;
-use crate::simulator::ports::PortRun;
+use crate::simulator::ports::{PortRun, Sensed};
 use crate::simulator::run::{Run, Watch};
 use crate::simulator::scene::{Scene, Start};
 use crate::simulator::simulation::step_choice::{self, Choice};
@@ -21,16 +21,24 @@ pub(super) enum Engine {
     /// Exactly, sample by sample: no contacts, constant speed.
     Linear(Box<LinearRun>),
     /// Contacts at constant speed.
-    Ported(Box<PortRun>),
+    Ported(Box<Ported>),
     /// Anything.
     Stepped(Box<Stepped>),
 }
 
-/// The general way, with what it shows.
+/// The fast way with contacts, and its steps a sample.
+#[derive(Debug)]
+pub(super) struct Ported {
+    run: PortRun,
+    every: u32,
+}
+
+/// The general way, with what it shows and its steps a sample.
 #[derive(Debug)]
 pub(super) struct Stepped {
     run: Run,
     watches: Vec<Watch>,
+    every: u32,
 }
 
 /// What a motion with contacts or changing speed begins with.
@@ -38,7 +46,7 @@ pub(super) struct Stepped {
 struct Begin<'a> {
     scene: &'a Scene,
     model: &'a Model,
-    watches: &'a [Watch],
+    sensed: &'a [Sensed],
     plan: &'a Plan,
 }
 
@@ -50,8 +58,11 @@ impl Begin<'_> {
     fn chosen(self, begin: i64, state: Option<State>) -> (Engine, Option<Choice>) {
         let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
         let at = (self.plan.rate_hz, begin);
-        match step_choice::choose(self.scene, self.model, self.watches, at, given) {
-            Some((run, choice)) => (Engine::Ported(Box::new(run)), Some(choice)),
+        match step_choice::choose(self.scene, self.model, self.sensed, at, given) {
+            Some((run, choice)) => {
+                let ported = Ported { run, every: choice.steps_per_sample };
+                (Engine::Ported(Box::new(ported)), Some(choice))
+            }
             None => (self.general(begin, state), None),
         }
     }
@@ -60,8 +71,12 @@ impl Begin<'_> {
     fn planned(self, begin: i64, state: Option<State>) -> Engine {
         let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
         let begin_step = begin * i64::from(self.plan.steps_per_sample);
-        match PortRun::new(self.model, self.watches, self.plan.step_s(), begin_step, given) {
-            Some(run) => Engine::Ported(Box::new(run)),
+        let every = self.plan.steps_per_sample;
+        match PortRun::new(self.model, self.plan.step_s(), begin_step, given) {
+            Some(run) => {
+                let run = run.watching(self.sensed, every);
+                Engine::Ported(Box::new(Ported { run, every }))
+            }
             None => self.general(begin, state),
         }
     }
@@ -69,12 +84,16 @@ impl Begin<'_> {
     fn general(self, begin: i64, state: Option<State>) -> Engine {
         let begin_step = begin * i64::from(self.plan.steps_per_sample);
         let run = Run::new(self.model.clone(), self.plan.step_s(), state).beginning_at(begin_step);
-        Engine::Stepped(Box::new(Stepped { run, watches: self.watches.to_vec() }))
+        Engine::Stepped(Box::new(Stepped {
+            run,
+            watches: watches(self.sensed),
+            every: self.plan.steps_per_sample,
+        }))
     }
 }
 
-fn steps(n_samples: i64, steps_per_sample: u32) -> usize {
-    usize::try_from(n_samples).unwrap_or(0) * steps_per_sample as usize
+fn watches(sensed: &[Sensed]) -> Vec<Watch> {
+    sensed.iter().map(|sensed| sensed.watch.clone()).collect()
 }
 
 impl Engine {
@@ -83,17 +102,17 @@ impl Engine {
         scene: &Scene,
         model: &Model,
         plan: &Plan,
-        watches: &[Watch],
+        sensed: &[Sensed],
     ) -> Option<(Self, Option<Choice>)> {
         let at_start = scene.speed.at(0.0);
         if plan.is_linear {
             let speed_hz = at_start.speed_rad_per_s / TAU;
             let zero = vec![0.0; 2 * model.basis.len()];
             let rest = (scene.start == Start::Rest).then_some((&zero[..], &zero[..]));
-            let run = LinearRun::new(model, speed_hz, watches, plan.rate_hz, rest)?;
+            let run = LinearRun::new(model, speed_hz, &watches(sensed), plan.rate_hz, rest)?;
             return Some((Self::Linear(Box::new(run)), None));
         }
-        let begin = Begin { scene, model, watches, plan };
+        let begin = Begin { scene, model, sensed, plan };
         if scene.start == Start::Rest {
             return Some(begin.chosen(0, None));
         }
@@ -110,19 +129,19 @@ impl Engine {
         let (first, second) = (n_samples(RUN_IN_S.0), n_samples(RUN_IN_S.1));
         let from = scene.speed.at(-(first + second) as f64 / plan.rate_hz);
         let state = steady.at(&system, from.angle_rad);
-        let run_in = Begin { model: &relaxed, watches: &[], ..begin };
+        let run_in = Begin { model: &relaxed, sensed: &[], ..begin };
         let mut run_in = run_in.planned(-(first + second), Some(state));
-        run_in.fill(steps(first, plan.steps_per_sample), &mut []);
+        run_in.fill(usize::try_from(first).unwrap_or(0), &mut []);
         let (mut run, choice) = begin.chosen(-second, run_in.state());
-        let n_steps = choice.map_or(plan.steps_per_sample, |choice| choice.steps_per_sample);
-        run.fill(steps(second, n_steps), &mut vec![Vec::new(); watches.len()]);
+        let n = usize::try_from(second).unwrap_or(0);
+        run.fill(n, &mut vec![Vec::new(); sensed.len()]);
         Some((run, choice))
     }
 
     fn state(&self) -> Option<State> {
         match self {
             Self::Linear(run) => Some(run.state()),
-            Self::Ported(run) => Some(run.state()),
+            Self::Ported(ported) => Some(ported.run.state()),
             Self::Stepped(stepped) => {
                 let (q, v) = stepped.run.state();
                 Some((q.to_vec(), v.to_vec()))
@@ -130,14 +149,21 @@ impl Engine {
         }
     }
 
-    /// Takes `n` steps and leaves in `motion` what each watch sees at the beginning of each.
+    /// Whether what it shows went through the anti-alias filters or needs none: one value a sample,
+    /// not one a step.
+    pub(super) fn is_filtered(&self) -> bool {
+        !matches!(self, Self::Stepped(_))
+    }
+
+    /// Goes on by `n` samples and leaves in `motion` what each watch sees at the beginning of each, or of
+    /// each step if it is not filtered.
     pub(super) fn fill(&mut self, n: usize, motion: &mut [Vec<f64>]) {
         motion.iter_mut().for_each(Vec::clear);
         match self {
             Self::Linear(run) => run.fill(n, motion),
-            Self::Ported(run) => run.fill(n, motion),
+            Self::Ported(ported) => ported.run.fill(n * ported.every as usize, motion),
             Self::Stepped(stepped) => {
-                for _ in 0..n {
+                for _ in 0..n * stepped.every as usize {
                     stepped.run.step();
                     for (list, watch) in motion.iter_mut().zip(&stepped.watches) {
                         list.push(stepped.run.observe(watch));
@@ -149,10 +175,10 @@ impl Engine {
 
     /// Exchanges loads and contacts, the motion goes on; `false` if there is no steady motion under
     /// them, and nothing is changed then.
-    pub(super) fn change(&mut self, model: &Model, watches: &[Watch]) -> bool {
+    pub(super) fn change(&mut self, model: &Model, sensed: &[Sensed]) -> bool {
         match self {
-            Self::Linear(run) => run.set_loads(model, watches),
-            Self::Ported(run) => run.change(model, watches),
+            Self::Linear(run) => run.set_loads(model, &watches(sensed)),
+            Self::Ported(ported) => ported.run.change(model, sensed),
             Self::Stepped(stepped) => {
                 stepped.run.change(|running| {
                     running.bow = model.bow.clone();
@@ -172,7 +198,7 @@ impl Engine {
     pub(super) fn is_finite(&self) -> bool {
         match self {
             Self::Linear(_) => true,
-            Self::Ported(run) => run.is_finite(),
+            Self::Ported(ported) => ported.run.is_finite(),
             Self::Stepped(stepped) => stepped.run.state().0.iter().all(|q| q.is_finite()),
         }
     }
@@ -181,7 +207,7 @@ impl Engine {
     pub(super) fn peak_loads_n(&self) -> Vec<f64> {
         match self {
             Self::Linear(_) => Vec::new(),
-            Self::Ported(run) => run.peak_loads_n().collect(),
+            Self::Ported(ported) => ported.run.peak_loads_n().collect(),
             Self::Stepped(stepped) => {
                 let seats = &stepped.run.model().seats;
                 seats.iter().map(|seat| seat.contacts.peak_force_n()).collect()

@@ -5,6 +5,7 @@ mod step_choice;
 
 use super::build::{self, Built, Plan};
 use super::model::Model;
+use super::ports::Sensed;
 use super::rotor::Plane;
 use super::run::{Quantity, Watch};
 use super::scene::{Faults, NumberKind, Scene, SceneErrors, SceneSensor, SensorKind};
@@ -75,7 +76,7 @@ pub struct Simulation {
     plane: Plane,
     model: Model,
     plan: Plan,
-    watches: Vec<Watch>,
+    sensed: Vec<Sensed>,
     engine: Engine,
     channels: Vec<Channel>,
     n_samples: u64,
@@ -111,20 +112,23 @@ impl Simulation {
     pub fn new(scene: &Scene, seed: u64) -> Result<Self, SceneErrors> {
         let Built { plane, model, mut plan } = build::build(scene)?;
         let watching = |sensor: &&SceneSensor| sensor.kind != SensorKind::Tacho;
-        let watches: Vec<Watch> = scene
+        let sensed: Vec<Sensed> = scene
             .sensors
             .iter()
             .filter(watching)
-            .map(|sensor| Watch {
-                row: model.basis.row(plane.displacement_at(sensor.at_m)),
-                axis_rad: sensor.axis_rad,
-                quantity: match sensor.kind {
-                    SensorKind::Accelerometer => Quantity::Acceleration,
-                    SensorKind::Proximitor | SensorKind::Tacho => Quantity::Displacement,
+            .map(|sensor| Sensed {
+                watch: Watch {
+                    row: model.basis.row(plane.displacement_at(sensor.at_m)),
+                    axis_rad: sensor.axis_rad,
+                    quantity: match sensor.kind {
+                        SensorKind::Accelerometer => Quantity::Acceleration,
+                        SensorKind::Proximitor | SensorKind::Tacho => Quantity::Displacement,
+                    },
                 },
+                corner_hz: Some(sensor.corner_hz),
             })
             .collect();
-        let begun = Engine::new(scene, &model, &plan, &watches);
+        let begun = Engine::new(scene, &model, &plan, &sensed);
         let (engine, choice) = begun.ok_or_else(|| no_steady(scene))?;
         if let Some(choice) = choice {
             plan.steps_per_sample = choice.steps_per_sample;
@@ -132,6 +136,7 @@ impl Simulation {
             plan.expected_error = choice.error;
             plan.is_error_measured = true;
         }
+        plan.is_filtered = engine.is_filtered();
         let mut next = 0;
         let channels = scene.sensors.iter().enumerate().map(|(i, sensor)| {
             let watch = (sensor.kind != SensorKind::Tacho).then_some(next);
@@ -139,9 +144,9 @@ impl Simulation {
             Channel::new(sensor, watch, &plan, (seed, i as u64))
         });
         let channels = channels.collect();
-        let motion = vec![Vec::new(); watches.len()];
+        let motion = vec![Vec::new(); sensed.len()];
         let scene = scene.clone();
-        Ok(Self { scene, plane, model, plan, watches, engine, channels, n_samples: 0, motion })
+        Ok(Self { scene, plane, model, plan, sensed, engine, channels, n_samples: 0, motion })
     }
 
     /// The channels, in the order of the scene's sensors.
@@ -208,7 +213,7 @@ impl Simulation {
     pub fn set_faults(&mut self, faults: &Faults) -> Result<(), SceneErrors> {
         let mut model = self.model.clone();
         build::set_faults(&self.scene, &self.plane, &mut model, faults)?;
-        if !self.engine.change(&model, &self.watches) {
+        if !self.engine.change(&model, &self.sensed) {
             return Err(no_steady(&self.scene));
         }
         self.model = model;
@@ -248,10 +253,10 @@ impl Simulation {
     fn block(&mut self, n: usize) {
         let start = self.n_samples;
         let rate_hz = self.plan.rate_hz;
-        self.engine.fill(n * self.plan.steps_per_sample as usize, &mut self.motion);
+        self.engine.fill(n, &mut self.motion);
         for channel in &mut self.channels {
             match channel.watch {
-                Some(watch) if self.plan.is_linear => channel.pick(&self.motion[watch], start),
+                Some(watch) if self.plan.is_filtered => channel.pick(&self.motion[watch], start),
                 Some(watch) => channel.filter(&self.motion[watch]),
                 None => channel.mark((start, n as u64), rate_hz, &self.scene),
             }
@@ -275,7 +280,7 @@ impl Channel {
     ) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to 1e5")]
         let every = (plan.rate_hz / sensor.rate_hz).round() as u32;
-        let is_filtered = !plan.is_linear && watch.is_some();
+        let is_filtered = !plan.is_filtered && watch.is_some();
         let converter = (sensor.number == NumberKind::Int16)
             .then_some(Converter { range: sensor.full_scale, bits: sensor.bits });
         let kind = match sensor.kind {

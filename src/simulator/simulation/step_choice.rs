@@ -4,10 +4,9 @@
 //! the difference tells the error, and the largest step that keeps the accuracy asked for is taken.
 
 use crate::simulator::model::Model;
-use crate::simulator::ports::PortRun;
+use crate::simulator::ports::{PortRun, Sensed};
 use crate::simulator::run::{Quantity, Watch};
-use crate::simulator::scene::{Scene, SensorKind};
-use crate::simulator::sensor::{Chain, SensorModel};
+use crate::simulator::scene::Scene;
 
 /// What was chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,8 +23,8 @@ pub(super) struct Choice {
 /// on set A.
 const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
 
-/// From a try to the next: fourth order makes the error a quarter.
-const SHORTER: f64 = std::f64::consts::SQRT_2;
+/// From a try to the next: by the fourth order, a little more, and by this factor at least.
+const SHORTER: (f64, f64) = (0.97, 0.9);
 
 /// Length of a trial, s: some ball passes, and the transient of a start.
 const TRIAL_S: f64 = 0.05;
@@ -41,17 +40,16 @@ const CUT_BELOW: f64 = 1e-5;
 pub(super) fn choose(
     scene: &Scene,
     model: &Model,
-    watches: &[Watch],
+    sensed: &[Sensed],
     (rate_hz, begin_samples): (f64, i64),
     state: Option<(&[f64], &[f64])>,
 ) -> Option<(PortRun, Choice)> {
-    let trial = Trial { scene, rate_hz, n_seen: watches.len() };
-    let mut all = watches.to_vec();
+    let mut all = sensed.to_vec();
     for seat in &model.seats {
-        all.extend([0.0, std::f64::consts::FRAC_PI_2].map(|axis_rad| Watch {
-            row: seat.row.clone(),
-            axis_rad,
-            quantity: Quantity::Displacement,
+        all.extend([0.0, std::f64::consts::FRAC_PI_2].map(|axis_rad| {
+            let row = seat.row.clone();
+            let watch = Watch { row, axis_rad, quantity: Quantity::Displacement };
+            Sensed { watch, corner_hz: None }
         }));
     }
     let cuts_at_contact = scene.accuracy < CUT_BELOW;
@@ -63,76 +61,47 @@ pub(super) fn choose(
     let first = steps_at(STEPS_S.0);
     let begin = |steps: u32| begin_samples * i64::from(steps);
     let step_s = |steps: u32| 1.0 / (rate_hz * f64::from(steps));
-    let base = PortRun::new(model, &all, step_s(first), begin(first), state)?
+    let base = PortRun::new(model, step_s(first), begin(first), state)?
         .cutting_at_contact(cuts_at_contact);
+    let at = |steps: u32| base.clone().with_step(step_s(steps), begin(steps));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 1e6")]
+    let n_samples = (TRIAL_S * rate_hz).ceil() as usize;
+    let seen = |steps: u32| {
+        let mut run = at(steps).watching(&all, steps);
+        let mut lists = vec![Vec::new(); all.len()];
+        run.fill(n_samples * steps as usize, &mut lists);
+        lists
+    };
     let mut at_s = STEPS_S.0;
     loop {
         let steps = steps_at(at_s);
-        let run = |steps: u32| base.clone().with_step(step_s(steps), begin(steps));
-        let error = trial.error(run(steps), run(2 * steps), steps);
+        let error = OF_DIFFERENCE * difference(&seen(steps), &seen(2 * steps));
         // NaN counts as too large.
         let is_enough = error <= scene.accuracy;
-        let shorter_s = (scene.accuracy / error).sqrt().sqrt().min(1.0 / SHORTER) * at_s;
+        let by_order = SHORTER.0 * (scene.accuracy / error).sqrt().sqrt();
+        let shorter_s = by_order.min(SHORTER.1) * at_s;
         if is_enough || !(shorter_s >= STEPS_S.1) {
-            let run = base.watching(watches).with_step(step_s(steps), begin(steps));
+            let run = at(steps).watching(sensed, steps);
             return Some((run, Choice { steps_per_sample: steps, cuts_at_contact, error }));
         }
         at_s = shorter_s;
     }
 }
 
-/// How the error is measured.
-struct Trial<'a> {
-    scene: &'a Scene,
-    rate_hz: f64,
-    /// The first of the watches are the sensors'.
-    n_seen: usize,
-}
-
-impl Trial<'_> {
-    /// Largest error of what is watched, of its largest value.
-    fn error(&self, mut coarse: PortRun, mut fine: PortRun, steps: u32) -> f64 {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 1e6")]
-        let n_samples = (TRIAL_S * self.rate_hz).ceil() as usize;
-        let n = n_samples * steps as usize;
-        let n_watches = coarse.n_watches();
-        let mut lists = [vec![Vec::new(); n_watches], vec![Vec::new(); n_watches]];
-        coarse.fill(n, &mut lists[0]);
-        fine.fill(2 * n, &mut lists[1]);
-        let [coarse, fine] = lists;
-        let watching = self.scene.sensors.iter().filter(|s| s.kind != SensorKind::Tacho);
-        let corners: Vec<f64> = watching.map(|sensor| sensor.corner_hz).collect();
-        let mut largest = 0.0_f64;
-        for (i, (coarse, fine)) in coarse.iter().zip(&fine).enumerate() {
-            let fine: Vec<f64> = fine.iter().step_by(2).copied().collect();
-            let corner_hz = corners.get(i).copied().filter(|_| i < self.n_seen);
-            let [coarse, fine] =
-                [coarse, &fine].map(|list| filtered(list, (self.rate_hz, steps), corner_hz));
-            let size = fine.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-            let gap = coarse.iter().zip(&fine).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            let error = OF_DIFFERENCE * gap / size;
-            // A watch that sees nothing has no error; one that sees no number has every error.
-            if size > 0.0 || size.is_nan() {
-                largest = if error.is_nan() { f64::NAN } else { largest.max(error) };
-            }
+/// Largest difference of two sets of lists, of the largest value of a list of the second; NaN if a
+/// list holds what is no number.
+fn difference(coarse: &[Vec<f64>], fine: &[Vec<f64>]) -> f64 {
+    let mut largest = 0.0_f64;
+    for (coarse, fine) in coarse.iter().zip(fine) {
+        let size = fine.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let gaps = coarse.iter().zip(fine).map(|(a, b)| (a - b).abs());
+        if coarse.iter().chain(fine).any(|x| !x.is_finite()) {
+            return f64::NAN;
         }
-        largest
+        // What sees nothing has no error.
+        if size > 0.0 {
+            largest = largest.max(gaps.fold(0.0, f64::max) / size);
+        }
     }
-}
-
-/// What the anti-alias filter lets through, at the rate of the samples.
-fn filtered(list: &[f64], (rate_hz, steps): (f64, u32), corner_hz: Option<f64>) -> Vec<f64> {
-    let Some(corner_hz) = corner_hz else { return list.to_vec() };
-    let model = SensorModel {
-        oversampling: steps,
-        rate_hz,
-        corner_hz: Some(corner_hz),
-        noise_density: 0.0,
-        drift_per_s: 0.0,
-        rest: 0.0,
-        converter: None,
-        dropouts_s: Vec::new(),
-    };
-    let mut chain = Chain::new(model, 0, 0);
-    list.iter().filter_map(|x| chain.push(*x)).collect()
+    largest
 }
