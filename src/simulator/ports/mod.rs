@@ -46,6 +46,9 @@ const PILOT: (usize, usize) = (2000, 4);
 /// Least stiffness of a ball bearing in the linear part, of the support's in the basis.
 const LEAST_STIFFNESS: f64 = 0.05;
 
+/// Displacements and velocities of all coordinates.
+pub type StateRef<'a> = (&'a [f64], &'a [f64]);
+
 /// What is watched, and the corner of the anti-alias filter before it, Hz; `None`: no filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensed {
@@ -140,7 +143,7 @@ impl PortRun {
         model: &Model,
         step_s: f64,
         first_step: i64,
-        state: Option<(&[f64], &[f64])>,
+        state: Option<StateRef<'_>>,
     ) -> Option<Self> {
         let support = |seat: &super::model::Seat| {
             let k = seat.support_n_per_m;
@@ -158,7 +161,7 @@ impl PortRun {
     fn about(
         model: &Model,
         step_s: f64,
-        (first_step, state): (i64, Option<(&[f64], &[f64])>),
+        (first_step, state): (i64, Option<StateRef<'_>>),
         stiffness_n_per_m: &[[[f64; 2]; 2]],
     ) -> Option<Self> {
         let speed_rad_per_s = model.speed.constant_rad_per_s()?;
@@ -279,7 +282,7 @@ impl PortRun {
 
     /// Begins at rest, or with the state given; of a state of both planes alone the torsion rests under
     /// its torque.
-    fn begin(&mut self, state: Option<(&[f64], &[f64])>) {
+    fn begin(&mut self, state: Option<StateRef<'_>>) {
         let n = self.model.n_coordinates();
         let (mut q, mut v) =
             state.map_or((vec![0.0; n], vec![0.0; n]), |(q, v)| (q.to_vec(), v.to_vec()));

@@ -4,7 +4,7 @@
 //! the difference tells the error, and the largest step that keeps the accuracy asked for is taken.
 
 use crate::simulator::model::Model;
-use crate::simulator::ports::{PortRun, Sensed};
+use crate::simulator::ports::{PortRun, Sensed, StateRef};
 use crate::simulator::run::{Quantity, Watch};
 use crate::simulator::scene::Scene;
 
@@ -42,7 +42,7 @@ pub(super) fn choose(
     model: &Model,
     sensed: &[Sensed],
     (rate_hz, begin_samples): (f64, i64),
-    state: Option<(&[f64], &[f64])>,
+    state: Option<StateRef<'_>>,
 ) -> Option<(PortRun, Choice)> {
     let mut all = sensed.to_vec();
     for seat in &model.seats {
@@ -80,7 +80,7 @@ pub(super) fn choose(
         let is_enough = error <= scene.accuracy;
         let by_order = SHORTER.0 * (scene.accuracy / error).sqrt().sqrt();
         let shorter_s = by_order.min(SHORTER.1) * at_s;
-        if is_enough || !(shorter_s >= STEPS_S.1) {
+        if is_enough || shorter_s.is_nan() || shorter_s < STEPS_S.1 {
             let run = at(steps).watching(sensed, steps);
             return Some((run, Choice { steps_per_sample: steps, cuts_at_contact, error }));
         }
