@@ -252,6 +252,10 @@ fn write(
         done += n;
         tell(done as f64 / n_samples as f64);
     }
+    let warnings = simulation.warnings();
+    if !warnings.is_empty() {
+        writer.add_truth("warnings", &warnings.join("\n"))?;
+    }
     Ok(writer.finish()?)
 }
 

@@ -1,5 +1,6 @@
 //! Errors of time integration: a motion in steps against the reference of the same scene.
 
+use rotorwatch::simulator::ports::{PortRun, Sensed};
 use rotorwatch::simulator::reference::scene::Setting;
 use rotorwatch::simulator::run::{Run, Watch};
 
@@ -54,6 +55,19 @@ pub(crate) fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: 
             list.push(run.observe(watch));
         }
     }
+    record(setting, step_s, values)
+}
+
+/// The motion in steps, the way of scenes with contacts at constant speed.
+pub(crate) fn ported(setting: &Setting, step_s: f64, seconds: f64, cuts: bool) -> Record {
+    let state = setting.state.as_ref().map(|(q, v)| (&q[..], &v[..]));
+    let all = setting.bearings.iter().chain(&setting.sensors);
+    let watches: Vec<Sensed> =
+        all.map(|watch| Sensed { watch: watch.clone(), corner_hz: None }).collect();
+    let run = PortRun::new(&setting.model, step_s, 0, state).expect("constant speed");
+    let mut run = run.watching(&watches, 1).cutting_at_contact(cuts);
+    let mut values = vec![Vec::new(); watches.len()];
+    run.fill(steps(seconds, step_s), &mut values);
     record(setting, step_s, values)
 }
 

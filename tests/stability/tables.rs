@@ -2,7 +2,7 @@
 //!
 //! `cargo test --release --test stability -- --ignored --nocapture --test-threads 1 tables`
 
-use crate::errors::{Exact, Record, mean_accelerations, stepped, worst};
+use crate::errors::{Exact, Record, mean_accelerations, ported, stepped, worst};
 use crate::scenes::{A3, D0, D3, Rig, bow_run_up};
 use rotorwatch::simulator::reference::scene::Setting;
 
@@ -72,6 +72,44 @@ fn errors_by_shapes() {
                 "| {name} | {count} + {n_attachments} | {highest:.0} | {bearings:.1e} | {sensors:.1e} |"
             );
         }
+    }
+}
+
+#[test]
+#[ignore = "prints tables of a minute's work; what they say is held by other tests"]
+#[expect(clippy::print_stdout, reason = "that is what it is for")]
+fn errors_of_the_fast_way() {
+    let scenes = [("A, bearing 3", A3), ("D, bearing 3, geometric", D3), ("D, bearing 0", D0)];
+    println!("| scene | step, µs | bearings | sensors | bearings, cut | sensors, cut |");
+    println!("|---|---|---|---|---|---|");
+    for (name, rig) in scenes {
+        let setting = Setting::new(&rig.scene()).unwrap();
+        let exact = Exact::new(&setting, 2.5e-6, 0.1, 1e-12);
+        for step_s in [20e-6, 10e-6, 5e-6, 2.5e-6] {
+            let right = exact.at(step_s);
+            let [plain, cut] =
+                [false, true].map(|cuts| both(&ported(&setting, step_s, 0.1, cuts), &right));
+            println!(
+                "| {name} | {} | {:.1e} | {:.1e} | {:.1e} | {:.1e} |",
+                step_s * 1e6,
+                plain[0],
+                plain[1],
+                cut[0],
+                cut[1]
+            );
+        }
+    }
+}
+
+#[test]
+fn the_fast_way_keeps_to_the_reference() {
+    // Steps and limits: what the table says, with a factor of two.
+    let cases = [(A3, 20e-6, false, 1e-4), (A3, 5e-6, false, 1e-6), (D0, 10e-6, true, 3e-5)];
+    for (rig, step_s, cuts, limit) in cases {
+        let setting = Setting::new(&rig.scene()).unwrap();
+        let exact = Exact::new(&setting, step_s, 0.02, 1e-11).at(step_s);
+        let [bearings, sensors] = both(&ported(&setting, step_s, 0.02, cuts), &exact);
+        assert!(bearings < limit && sensors < limit, "{step_s}: {bearings:e} {sensors:e}");
     }
 }
 

@@ -99,6 +99,7 @@ pub struct StreamingWriter {
     header: CaptureHeader,
     columns: Vec<Column>,
     channels: Option<NewGroup>,
+    truth: Option<NewGroup>,
     file: Option<NewFile>,
 }
 
@@ -128,6 +129,7 @@ impl StreamingWriter {
             header: header.clone(),
             columns: Vec::new(),
             channels: None,
+            truth: None,
             file: None,
         };
         let start_time = header.start_time.map(|time| {
@@ -158,12 +160,29 @@ impl StreamingWriter {
                 group.text(name, text)?;
             }
             group.number("seed", truth.seed)?;
-            file.group("channels")
+            Ok((group, file.group("channels")?))
         };
-        let channels = declare().map_err(failed);
+        let groups = declare().map_err(failed);
         writer.file = Some(file);
-        writer.channels = Some(channels?);
+        let (truth, channels) = groups?;
+        (writer.truth, writer.channels) = (Some(truth), Some(channels));
         Ok(writer)
+    }
+
+    /// Adds a text to the truth that is known only at the end.
+    ///
+    /// # Errors
+    ///
+    /// [`CaptureError::Content`] for a text that is too long, [`CaptureError::Write`] if the disk or the
+    /// library refuses.
+    pub fn add_truth(&mut self, name: &str, text: &str) -> Result<(), CaptureError> {
+        let object = format!("truth/{name}");
+        match &self.truth {
+            Some(group) if text.len() <= MAX_TRUTH_BYTES => {
+                group.text(name, text).map_err(|source| self.write_error(&object, source))
+            }
+            _ => Err(self.content(&object, format!("up to {MAX_TRUTH_BYTES} bytes are written"))),
+        }
     }
 
     /// Declares the next channel; channels are numbered from 0 in this order.
@@ -221,7 +240,7 @@ impl StreamingWriter {
                 return Err(self.content(&name, "no samples".into()));
             }
         }
-        self.channels = None;
+        (self.channels, self.truth) = (None, None);
         if let Some(file) = self.file.take() {
             let summed = self.write_sums(&file, &mut columns);
             drop(columns);
@@ -292,7 +311,7 @@ impl Drop for StreamingWriter {
     /// Removes the temporary file; after [`StreamingWriter::finish`] there is none.
     fn drop(&mut self) {
         self.columns.clear();
-        self.channels = None;
+        (self.channels, self.truth) = (None, None);
         if let Some(file) = self.file.take() {
             // Closing an abandoned file may fail; it is removed in either case.
             let _ = file.close();
