@@ -81,15 +81,17 @@ impl<'a> Candidate<'a> {
         fundamental.map_or(0.0, |h| h.power_ratio)
     }
 
-    /// Weighs one search, leaving out readings that accepted lines explain. `n_looks`: searches of
+    /// Weighs one search, leaving out readings that accepted lines or the shaft's events explain. `n_looks`: searches of
     /// this bearing among which the strongest is picked.
     pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
         let readings = search.outcome.as_deref().unwrap_or(&[]);
         // A line is weighed as it was accepted: against those accepted before it.
         let before = accepted.iter().take_while(|a| !a.is_of(search.bearing, search.line));
         let before: Vec<&Accepted<'_>> = before.collect();
-        let own =
-            |r: &BandReading| !before.iter().any(|a| a.explains(r.frequency, search.resolution));
+        let own = |r: &BandReading| {
+            let explained = || before.iter().any(|a| a.explains(r.frequency, search.resolution));
+            !r.is_modulated_shaft() && !explained()
+        };
         let probabilities: Vec<f64> = readings
             .iter()
             .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
