@@ -155,6 +155,24 @@ mod tests {
     }
 
     #[test]
+    fn blocks_are_the_averages_of_their_parts() {
+        let track = PhaseTrack::constant(10.0).unwrap();
+        let x = gaussian_noise(50_000, 9);
+        let plan = TsaPlan::new(256, 1000.0);
+        let (mut whole, mut same) = (vec![0.0; 256], vec![0.0; 256]);
+        let n_revolutions = plan.process(&x, FS_HZ, &track, &mut whole);
+        let mut blocks = vec![vec![0.0; 256]; 3];
+        assert_eq!(plan.process_blocks(&x, FS_HZ, &track, &mut same, &mut blocks), n_revolutions);
+        // 48 revolutions, so three blocks of 16 whose mean is the whole.
+        assert_eq!(n_revolutions, 48);
+        for p in 0..256 {
+            let mean = blocks.iter().map(|b| b[p]).sum::<f64>() / 3.0;
+            assert!((same[p] - whole[p]).abs() < 1e-12 && (mean - whole[p]).abs() < 1e-12);
+        }
+        assert!(stats::rms(&blocks[0]) > stats::rms(&whole), "less averaged, more noise");
+    }
+
+    #[test]
     fn a_synchronous_line_is_kept_and_a_foreign_one_falls() {
         let track = PhaseTrack::constant(9.87).unwrap();
         // Order 100 (fs/10) and a line that does not turn with the shaft.

@@ -453,6 +453,29 @@ mod tests {
     }
 
     #[test]
+    fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
+        // Shaft harmonics of depth 0.6 at 84 and 112 Hz beside a line at 98.9: half of them is 0.3.
+        let modulated = |line: f32| {
+            let mut depth = spectrum_with(28.0, &[0.6; 8], 0.05);
+            depth[1978] = line;
+            let spectrum =
+                DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+            let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
+            assert!((reading.shaft_depth - 0.6).abs() < 1e-6, "single bins of a test spectrum");
+            reading.is_modulated_shaft()
+        };
+        assert!(modulated(0.29) && !modulated(0.31));
+        // A shaft harmonic whose lobe meets the line's own cannot be read.
+        let mut near = task(&[]);
+        near.shaft_speed = Hz(98.7);
+        let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let reading = read_line(&spectrum, BAND, &near, &mut Vec::new()).unwrap();
+        assert!(reading.shaft_depth < 0.4 && !reading.is_modulated_shaft());
+    }
+
+    #[test]
     fn the_depth_of_a_line_between_bins_is_exact_to_a_third_of_a_percent() {
         use crate::dsp::envelope::EnvelopeSpectrumPlan;
         use crate::dsp::fft::FftCache;

@@ -20,3 +20,4 @@ mod diagnose;
 mod text_and_sound;
 mod check;
 mod demo;
+mod combinations;
