@@ -93,6 +93,7 @@ mod tests {
                 frequency: Hz(100.0),
                 harmonics: [Some(fundamental), Some(second), None, None],
                 side_band: None,
+                shaft_depth: 0.0,
                 mean_square: 1.0,
             }
         };

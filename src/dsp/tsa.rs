@@ -50,23 +50,63 @@ impl TsaPlan {
     ) -> usize {
         assert_eq!(out.len(), self.points_per_rev, "points of the plan");
         out.fill(0.0);
+        let starts = self.starts(x.len(), fs_hz, track);
+        for start in &starts {
+            self.add_revolution(x, fs_hz, track, *start, out);
+        }
+        centre(out, starts.len());
+        starts.len()
+    }
+
+    /// Averages like [`TsaPlan::process`], and each of `blocks.len()` successive parts of the
+    /// revolutions by itself into `blocks`; a part without a revolution becomes 0.
+    ///
+    /// # Panics
+    ///
+    /// If `out` or a block does not have the plan's length.
+    pub fn process_blocks<T: Real>(
+        &self,
+        x: &[T],
+        fs_hz: f64,
+        track: &PhaseTrack,
+        out: &mut [f64],
+        blocks: &mut [Vec<f64>],
+    ) -> usize {
+        assert_eq!(out.len(), self.points_per_rev, "points of the plan");
+        out.fill(0.0);
+        let starts = self.starts(x.len(), fs_hz, track);
+        let n_blocks = blocks.len();
+        for (i, block) in blocks.iter_mut().enumerate() {
+            assert_eq!(block.len(), self.points_per_rev, "points of the plan");
+            block.fill(0.0);
+            let of_block = starts.len() * i / n_blocks..starts.len() * (i + 1) / n_blocks;
+            for start in &starts[of_block.clone()] {
+                self.add_revolution(x, fs_hz, track, *start, block);
+            }
+            for (sum, part) in out.iter_mut().zip(&*block) {
+                *sum += part;
+            }
+            centre(block, of_block.len());
+        }
+        centre(out, starts.len());
+        starts.len()
+    }
+
+    /// Where the whole revolutions inside record and track begin, revolutions.
+    fn starts(&self, n_samples: usize, fs_hz: f64, track: &PhaseTrack) -> Vec<f64> {
         let margin_s = self.interpolator.half_taps() as f64 / fs_hz;
-        let end_s = (x.len() as f64 - 1.0) / fs_hz - margin_s;
-        let Some((first, last)) = track.covered_revolutions(margin_s, end_s) else { return 0 };
+        let end_s = (n_samples as f64 - 1.0) / fs_hz - margin_s;
+        let Some((first, last)) = track.covered_revolutions(margin_s, end_s) else {
+            return Vec::new();
+        };
         // The slack lets a revolution that ends on the last pulse count in spite of rounding.
         let mut start = (first - 1e-9).ceil();
-        let mut n_revolutions = 0;
+        let mut starts = Vec::new();
         while start + 1.0 <= last + 1e-9 {
-            self.add_revolution(x, fs_hz, track, start.max(first), out);
+            starts.push(start.max(first));
             start += 1.0;
-            n_revolutions += 1;
         }
-        let n = (out.len() * n_revolutions.max(1)) as f64;
-        let mean = out.iter().sum::<f64>() / n;
-        for value in out {
-            *value = *value / n_revolutions.max(1) as f64 - mean;
-        }
-        n_revolutions
+        starts
     }
 
     fn add_revolution<T: Real>(
@@ -87,6 +127,15 @@ impl TsaPlan {
     }
 }
 
+/// Turns a sum of `n_revolutions` into their mean, its own mean removed.
+fn centre(sum: &mut [f64], n_revolutions: usize) {
+    let n = n_revolutions.max(1) as f64;
+    let mean = sum.iter().sum::<f64>() / (sum.len() as f64 * n);
+    for value in sum {
+        *value = *value / n - mean;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,6 +152,24 @@ mod tests {
         let mut out = vec![0.0; points];
         let n_revolutions = plan.process(&narrow::<T>(x), FS_HZ, track, &mut out);
         (out, n_revolutions)
+    }
+
+    #[test]
+    fn blocks_are_the_averages_of_their_parts() {
+        let track = PhaseTrack::constant(10.0).unwrap();
+        let x = gaussian_noise(50_000, 9);
+        let plan = TsaPlan::new(256, 1000.0);
+        let (mut whole, mut same) = (vec![0.0; 256], vec![0.0; 256]);
+        let n_revolutions = plan.process(&x, FS_HZ, &track, &mut whole);
+        let mut blocks = vec![vec![0.0; 256]; 3];
+        assert_eq!(plan.process_blocks(&x, FS_HZ, &track, &mut same, &mut blocks), n_revolutions);
+        // 48 revolutions, so three blocks of 16 whose mean is the whole.
+        assert_eq!(n_revolutions, 48);
+        for p in 0..256 {
+            let mean = blocks.iter().map(|b| b[p]).sum::<f64>() / 3.0;
+            assert!((same[p] - whole[p]).abs() < 1e-12 && (mean - whole[p]).abs() < 1e-12);
+        }
+        assert!(stats::rms(&blocks[0]) > stats::rms(&whole), "less averaged, more noise");
     }
 
     #[test]

@@ -104,11 +104,24 @@ pub struct BandReading {
     pub harmonics: [Option<Harmonic>; N_HARMONICS],
     /// The stronger of the two side bands at ± the spacing around the fundamental.
     pub side_band: Option<Harmonic>,
+    /// Depth of the deeper of the two shaft harmonics around the fundamental; 0 if neither can be read.
+    pub shaft_depth: f64,
     /// Mean of the squared envelope, u².
     pub mean_square: f64,
 }
 
+/// A harmonic modulated in full has side lines of half its height: cos a·(1 + cos b).
+const FULL_MODULATION: f64 = 0.5;
+
 impl BandReading {
+    /// Whether the fundamental may be a side line of what happens once a revolution (F12): events of
+    /// the shaft that passing elements modulate have lines k·f ± BPFO, one of which is BPFI, and none
+    /// higher than half the shaft's harmonics beside it. A defect's own impacts stand over them.
+    #[must_use]
+    pub fn is_modulated_shaft(&self) -> bool {
+        self.harmonics[0].is_some_and(|h| h.depth <= FULL_MODULATION * self.shaft_depth)
+    }
+
     /// Root of the summed squared depths of all harmonics read: the effect size D (F8).
     #[must_use]
     pub fn total_depth(&self) -> f64 {
@@ -190,6 +203,8 @@ pub struct LineTask<'a> {
     pub band: RelativeBand,
     /// Spacing of the side bands: 1× for races that turn, FTF for the rolling element.
     pub side_band_spacing: Hz,
+    /// Speed of the bearing's shaft.
+    pub shaft_speed: Hz,
     /// Lines to keep clear of.
     pub known: &'a [KnownLine],
     /// Half width of what a known line occupies, Hz.
@@ -270,6 +285,7 @@ pub fn read_line(
         frequency: Hz(frequency),
         harmonics,
         side_band,
+        shaft_depth: shaft_depth(spectrum, task, frequency),
         mean_square: spectrum.mean_square,
     })
 }
@@ -295,6 +311,27 @@ fn side_band(
             measure(spectrum, task, at, 4.0, scratch)
         })
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
+}
+
+/// Depth of the deeper of the shaft harmonics below and above `frequency_hz`; one whose lobe meets the
+/// line's own is not read.
+fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: f64) -> f64 {
+    let speed_hz = task.shaft_speed.0;
+    if speed_hz <= 0.0 {
+        return 0.0;
+    }
+    let below = (frequency_hz / speed_hz).floor() * speed_hz;
+    [below, below + speed_hz]
+        .iter()
+        .filter(|f| **f > 0.0 && (**f - frequency_hz).abs() > 2.0 * task.resolution.0)
+        .map(|f| {
+            let centre = bin_at(*f, spectrum.bin_hz);
+            let near =
+                (centre.saturating_sub(1)..=centre + 1).filter(|k| *k < spectrum.depth.len());
+            let highest = near.max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]));
+            highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
+        })
+        .fold(0.0, f64::max)
 }
 
 /// Strongest bin of `first..=last` that no known line covers.
@@ -394,6 +431,7 @@ mod tests {
             expected: Hz(100.0),
             band: RelativeBand::default(),
             side_band_spacing: Hz(25.0),
+            shaft_speed: Hz(28.0),
             known,
             resolution: Hz(0.2),
             floor_half_width: Hz(20.0),
@@ -412,6 +450,29 @@ mod tests {
             "noise of the empty fourth harmonic"
         );
         assert!(reading.harmonics[0].unwrap().power_ratio > 1000.0);
+    }
+
+    #[test]
+    fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
+        // Shaft harmonics of depth 0.6 at 84 and 112 Hz beside a line at 98.9: half of them is 0.3.
+        let modulated = |line: f32| {
+            let mut depth = spectrum_with(28.0, &[0.6; 8], 0.05);
+            depth[1978] = line;
+            let spectrum =
+                DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+            let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
+            assert!((reading.shaft_depth - 0.6).abs() < 1e-6, "single bins of a test spectrum");
+            reading.is_modulated_shaft()
+        };
+        assert!(modulated(0.29) && !modulated(0.31));
+        // A shaft harmonic whose lobe meets the line's own cannot be read.
+        let mut near = task(&[]);
+        near.shaft_speed = Hz(98.7);
+        let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let reading = read_line(&spectrum, BAND, &near, &mut Vec::new()).unwrap();
+        assert!(reading.shaft_depth < 0.4 && !reading.is_modulated_shaft());
     }
 
     #[test]

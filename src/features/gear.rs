@@ -52,6 +52,11 @@ pub struct GearReading {
     pub localisation: Localisation,
     /// Largest amplitude of the difference signal, smoothed over one tooth, unit of the channel.
     pub local_amplitude: f64,
+    /// Power that stays at that place over [`N_BLOCKS`] parts of the record ÷ what chance leaves there
+    /// (D26); `None` where the parts do not differ.
+    pub persistence: Option<f64>,
+    /// Teeth of the gear: places the energy may have sat at.
+    pub teeth: u32,
     /// Shaft angle of the negative-to-positive crossing of the once-a-revolution component, degrees.
     pub zero_crossing_deg: f64,
     /// First sample and one past the last.
@@ -60,6 +65,10 @@ pub struct GearReading {
 
 /// Fewest revolutions an average is worth: 1/√R leaves a quarter of what is not synchronous.
 const MIN_REVOLUTIONS: usize = 16;
+
+/// Parts of the record that are compared: each still averages two revolutions or more, and a foreign
+/// line that the whole average keeps in part turns from one to the next.
+pub const N_BLOCKS: usize = 8;
 
 /// Without a tacho the angle drifts by speed error × revolutions; only a speed confirmed by a comb
 /// of shaft harmonics is averaged on.
@@ -150,7 +159,8 @@ impl Average {
         let mut plan = GearPlan::new(points, teeth, self.max_order.min(order_kept), cache)?;
         let tsa = TsaPlan::new(points, self.samples_per_rev);
         let mut y = vec![0.0_f64; points];
-        let revolutions = tsa.process(input.samples, self.rate, track, &mut y);
+        let mut blocks = vec![y.clone(); N_BLOCKS];
+        let revolutions = tsa.process_blocks(input.samples, self.rate, track, &mut y, &mut blocks);
         if revolutions < MIN_REVOLUTIONS {
             return None;
         }
@@ -166,6 +176,8 @@ impl Average {
             figures,
             localisation,
             local_amplitude,
+            persistence: plan.persistence(&blocks, localisation.centre_rev),
+            teeth: self.teeth,
             zero_crossing_deg: zero_crossing_deg(&y),
             sample_range: input.range,
         })

@@ -328,6 +328,7 @@ impl Target {
             expected: self.expected,
             band: self.band,
             side_band_spacing: self.side_band_spacing,
+            shaft_speed: self.shaft_speed,
             known: &self.known,
             resolution: Hz(HANN_LOBE / duration_s),
             floor_half_width: Hz((0.8 * self.shaft_speed.0).max(25.0 / duration_s)),

@@ -31,7 +31,8 @@ pub(super) struct Candidate<'a> {
 pub(super) struct Accepted<'a> {
     pub(super) frequency: Hz,
     pub(super) spacing: Hz,
-    /// Whose it is; several where it cannot be decided.
+    /// Whose it is; several where it cannot be decided; none if it is heard best where it may be the
+    /// shaft's events that passing elements modulate.
     pub(super) owners: Vec<&'a LineSearch>,
 }
 
@@ -81,15 +82,27 @@ impl<'a> Candidate<'a> {
         fundamental.map_or(0.0, |h| h.power_ratio)
     }
 
-    /// Weighs one search, leaving out readings that accepted lines explain. `n_looks`: searches of
-    /// this bearing among which the strongest is picked.
+    /// Weighs one search, leaving out readings that accepted lines or the shaft's events explain.
+    /// `n_looks`: searches of this bearing among which the strongest is picked.
     pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
+        Self::weigh_those(search, accepted, n_looks, |r| !r.is_modulated_shaft())
+    }
+
+    /// Weighs the readings of one search that are `fit` and that accepted lines do not explain.
+    fn weigh_those(
+        search: &'a LineSearch,
+        accepted: &[Accepted<'_>],
+        n_looks: f64,
+        fit: impl Fn(&BandReading) -> bool,
+    ) -> Self {
         let readings = search.outcome.as_deref().unwrap_or(&[]);
         // A line is weighed as it was accepted: against those accepted before it.
         let before = accepted.iter().take_while(|a| !a.is_of(search.bearing, search.line));
         let before: Vec<&Accepted<'_>> = before.collect();
-        let own =
-            |r: &BandReading| !before.iter().any(|a| a.explains(r.frequency, search.resolution));
+        let own = |r: &BandReading| {
+            let explained = || before.iter().any(|a| a.explains(r.frequency, search.resolution));
+            fit(r) && !explained()
+        };
         let probabilities: Vec<f64> = readings
             .iter()
             .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
@@ -130,10 +143,11 @@ pub(super) fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
     let with_race: Vec<BearingIndex> =
         accepted.iter().flat_map(|a| a.owners.iter().map(|s| s.bearing)).collect();
     accept_among(features, &mut accepted, |line| line == DefectLine::Ftf);
-    for found in &mut accepted {
+    accepted.retain_mut(|found| {
+        let was_owned = !found.owners.is_empty();
         found.owners.retain(|s| s.line != DefectLine::Ftf || !with_race.contains(&s.bearing));
-    }
-    accepted.retain(|a| !a.owners.is_empty());
+        !was_owned || !found.owners.is_empty()
+    });
     accepted
 }
 
@@ -155,16 +169,22 @@ pub(super) fn accept_among<'a>(
             return;
         };
         let search = heard_best(features, candidate, best.frequency, accepted);
+        let is_own =
+            Candidate::weigh(search, accepted, n_looks(features, search.bearing)).is_proven();
         accepted.push(Accepted {
             frequency: best.frequency,
             spacing: search.side_band_spacing,
-            owners: owner::owners(features, search, best.frequency),
+            owners: if is_own {
+                owner::owners(features, search, best.frequency)
+            } else {
+                Vec::new()
+            },
         });
     }
 }
 
 /// Among equal bearings with a sensor each the line belongs to the one whose sensor shows it with the
-/// most power. Those that share the candidate's channel are told apart by [`owner::owners`].
+/// most power, whatever makes it there. Those that share the candidate's channel are told apart by [`owner::owners`].
 pub(super) fn heard_best<'a>(
     features: &'a WindowFeatures,
     candidate: &Candidate<'a>,
@@ -177,8 +197,8 @@ pub(super) fn heard_best<'a>(
         .filter(|s| s.line == candidate.search.line)
         .filter(|s| s.channel != candidate.search.channel || std::ptr::eq(*s, candidate.search))
         .filter(|s| !accepted.iter().any(|a| a.is_of(s.bearing, s.line)))
-        .map(|s| Candidate::weigh(s, accepted, n_looks(features, s.bearing)))
-        .filter(|c| c.is_proven())
+        .map(|s| Candidate::weigh_those(s, accepted, n_looks(features, s.bearing), |_| true))
+        .filter(Candidate::is_proven)
         .filter(|c| {
             let near = c.search.resolution.0 + MATCH_TOLERANCE * frequency.0;
             c.best.is_some_and(|b| (b.frequency.0 - frequency.0).abs() <= near)

@@ -37,7 +37,7 @@ impl Grown<'_> {
 }
 
 /// The strongest line of `bearing` that has grown: it stands over the noise *and* over the baseline,
-/// and no line accepted elsewhere explains it.
+/// and neither a line accepted elsewhere nor the shaft's events explain it.
 pub(super) fn strongest<'a>(
     bearing: BearingIndex,
     features: &'a WindowFeatures,
@@ -48,6 +48,7 @@ pub(super) fn strongest<'a>(
         .absolute_lines
         .iter()
         .filter(|l| l.bearing == bearing && l.line != DefectLine::Ftf)
+        .filter(|l| !l.reading.is_modulated_shaft())
         .collect();
     let looks = of_bearing.len() as f64;
     let grown = of_bearing.into_iter().filter_map(|line| {

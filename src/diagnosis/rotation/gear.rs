@@ -61,6 +61,11 @@ pub(super) fn judge_gear(
         }
         let why =
             format!("the localised difference signal is {:.2} times its baseline", local.ratio);
+        let why = if local.ratio >= super::UP_RATIO && local.probability >= 1.0 {
+            format!("{why}, but does not stay at one place of the revolution")
+        } else {
+            why
+        };
         acquit(&mut verdict, local.ratio, why, features);
         return verdict;
     }

@@ -7,6 +7,7 @@
 mod signs;
 mod shaft;
 mod gear;
+mod gear_signs;
 
 use super::Context;
 use super::fault::FaultMode;

@@ -2,6 +2,7 @@
 //! localised difference signal.
 
 use super::UP_RATIO;
+use super::gear_signs;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::confidence;
@@ -68,7 +69,10 @@ pub(super) fn signs(
     let of_kind = |kind: SensorKind| {
         features.channels.iter().filter(move |c| hears(c, kind)).collect::<Vec<_>>()
     };
-    let probes = of_kind(SensorKind::Proximitor);
+    // What a probe sees is its own shaft's, not that of another that turns at the same speed.
+    let sees = |channel: &&ChannelFeatures| observes(shaft, channel, context);
+    let probes: Vec<&ChannelFeatures> =
+        of_kind(SensorKind::Proximitor).into_iter().filter(sees).collect();
     let housings = of_kind(SensorKind::Accelerometer);
     let line = shaft::line_name(1, id);
     // A 1× that is lost in noise has no ratio: its amplitude is the noise's, which scatters widely.
@@ -79,8 +83,6 @@ pub(super) fn signs(
                     <= confidence::FALSE_ALARM_PROBABILITY
         })
     };
-    // A gear is heard wherever its average was taken: the feature's name says of which shaft.
-    let everywhere: Vec<&ChannelFeatures> = features.channels.iter().collect();
     let displacement =
         strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
     let any = |_: &&ChannelFeatures| true;
@@ -99,7 +101,12 @@ pub(super) fn signs(
                 .filter(|s| same_speed(*s, shaft, context))
                 .map(|s| gear::local_name(&described.id, &machine.shaft(s).id))
                 .collect();
-            (GearIndex(g), strongest(&everywhere, &names, features, context, &any))
+            let gear = GearIndex(g);
+            let heard = gear_signs::hearing_best(gear, &names, features, context);
+            let persists = |c: &&ChannelFeatures| {
+                gear_signs::persists(gear, shaft, c.channel, features, context)
+            };
+            (gear, strongest(&heard, &names, features, context, &persists))
         })
         .collect();
     let mut signs = ShaftSigns { displacement, cwt, housing, local };
@@ -111,6 +118,14 @@ pub(super) fn signs(
         indicator.evidence.order = speed.map(|_| 1.0);
     }
     signs
+}
+
+/// Whether a probe looks at `shaft`, by the machine file; one without a place looks at any.
+fn observes(shaft: ShaftIndex, channel: &ChannelFeatures, context: &Context<'_>) -> bool {
+    let machine = context.machine;
+    let name = context.channel_name(channel.channel);
+    let sensor = machine.sensors.iter().find(|s| s.channel == name);
+    sensor.is_some_and(|s| machine.shaft_at(s).is_none_or(|at| at == shaft))
 }
 
 /// Two shafts whose once-a-revolution events cannot be told apart.

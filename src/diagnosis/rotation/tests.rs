@@ -8,12 +8,16 @@ use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::dsp::gear::GearFigures;
+use crate::dsp::gear::Localisation;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::WindowFeatures;
+use crate::features::gear::GearReading;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
+use crate::machine::GearIndex;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
 use crate::machine::file;
@@ -108,7 +112,44 @@ fn features(signs: Signs) -> Vec<ChannelFeatures> {
         .collect()
 }
 
+/// The average behind `tsa_local_mesh_motor`.
+fn gear_reading(persistence: f64) -> GearReading {
+    GearReading {
+        gear: GearIndex(0),
+        shaft: ShaftIndex(0),
+        channel: ChannelIndex(1),
+        revolutions: 99,
+        has_angle: true,
+        figures: GearFigures {
+            fm0: None,
+            fm4: None,
+            m6a: None,
+            m8a: None,
+            energy_ratio: None,
+            sideband_level_factor: None,
+            residual_kurtosis: None,
+            difference_rms: 1.0,
+            mesh_amplitude: 1.0,
+        },
+        localisation: Localisation { peak_over_mean: 2.0, centre_rev: 0.5 },
+        local_amplitude: 1.0,
+        persistence: Some(persistence),
+        teeth: 28,
+        zero_crossing_deg: 0.0,
+        sample_range: (0, 1),
+    }
+}
+
 fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDiagnosis> {
+    judged_with(signs, with_gear, with_baseline, 1000.0)
+}
+
+fn judged_with(
+    signs: Signs,
+    with_gear: bool,
+    with_baseline: bool,
+    persistence: f64,
+) -> Vec<ComponentDiagnosis> {
     let (machine, channels) = (machine(with_gear), channels());
     let healthy = Signs { displacement: Some(1.0), once: 1.0, local: Some(1.0) };
     let record = Record::of_windows("h", &[(Some(Hz(10.0)), features(healthy))], &channels);
@@ -138,7 +179,7 @@ fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDi
             .collect(),
         bearing_lines: Vec::new(),
         absolute_lines: Vec::new(),
-        gears: Vec::new(),
+        gears: vec![gear_reading(persistence)],
     };
     let with_probe = signs.displacement.is_some();
     let channel_of_sensor = [with_probe.then_some(ChannelIndex(0)), Some(ChannelIndex(1))];
@@ -211,6 +252,28 @@ fn without_a_baseline_nothing_is_judged_and_the_reason_is_given() {
     assert!(verdicts.iter().all(|c| c.state == State::Undetermined));
     assert_eq!(of(&verdicts, "main").why, "no proximity probe and no baseline");
     assert_eq!(of(&verdicts, "mesh").why, "no baseline");
+}
+
+#[test]
+fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
+    let signs = Signs { displacement: Some(1.0), once: 30.0, local: Some(20.0) };
+    let gear = |persistence: f64| {
+        let verdicts = judged_with(signs, true, true, persistence);
+        let gear = of(&verdicts, "mesh");
+        (gear.state, gear.fault)
+    };
+    // (1 + z/7)^−7·28 ≤ 10⁻³ from z = 23.2 on.
+    assert_eq!(gear(22.0), (State::Healthy, None));
+    assert_eq!(gear(25.0), (State::Warning, Some(FaultMode::ToothDamage)));
+}
+
+#[test]
+fn a_shaft_without_a_probe_does_not_mirror_one_of_equal_speed() {
+    let signs = Signs { displacement: Some(200.0), once: 30.0, local: Some(1.0) };
+    let verdicts = judged(signs, true, true);
+    assert_eq!(of(&verdicts, "main").state, State::Damaged);
+    let motor = of(&verdicts, "motor");
+    assert_eq!((motor.state, motor.fault), (State::Undetermined, None), "{motor:?}");
 }
 
 #[test]
