@@ -22,3 +22,4 @@ mod text_and_sound;
 mod check;
 mod demo;
 mod simulated;
+mod bench;
