@@ -19,6 +19,8 @@ pub enum Cell {
     Text(String),
     /// A number, as text with this many figures after the point.
     Number(f64, usize),
+    /// A number of everyday size, with this many decimals in the text.
+    Plain(f64, usize),
     /// Yes or no.
     Flag(bool),
 }
@@ -28,6 +30,7 @@ impl Cell {
         match self {
             Self::Text(text) => text.clone(),
             Self::Number(number, figures) => format!("{number:.figures$e}"),
+            Self::Plain(number, decimals) => format!("{number:.decimals$}"),
             Self::Flag(flag) => if *flag { "yes" } else { "NO" }.to_owned(),
         }
     }
@@ -39,6 +42,7 @@ impl Cell {
             }
             Self::Text(text) => text.clone(),
             Self::Number(number, _) => format!("{number:e}"),
+            Self::Plain(number, _) => number.to_string(),
             Self::Flag(flag) => flag.to_string(),
         }
     }
@@ -47,7 +51,7 @@ impl Cell {
     fn json(&self) -> Value {
         match self {
             Self::Text(text) => json!(text),
-            Self::Number(number, _) => json!(number),
+            Self::Number(number, _) | Self::Plain(number, _) => json!(number),
             Self::Flag(flag) => json!(flag),
         }
     }
@@ -62,7 +66,10 @@ pub fn heading(columns: &[Column]) -> String {
 /// A row as text, numbers to the right.
 #[must_use]
 pub fn text_row(columns: &[Column], row: &[Cell]) -> String {
-    line(columns, row.iter().map(|cell| (cell.text(), matches!(cell, Cell::Number(..)))))
+    line(
+        columns,
+        row.iter().map(|cell| (cell.text(), matches!(cell, Cell::Number(..) | Cell::Plain(..)))),
+    )
 }
 
 fn line(columns: &[Column], cells: impl Iterator<Item = (String, bool)>) -> String {

@@ -141,20 +141,20 @@ fn row(
     Ok(vec![
         Cell::Text(name.to_owned()),
         Cell::Number(scene.accuracy, 0),
-        Cell::Number(1e6 * plan.step_s(), 2),
-        Cell::Text(n_shapes.to_string()),
+        Cell::Plain(1e6 * plan.step_s(), 2),
+        Cell::Plain(n_shapes as f64, 0),
         Cell::Number(found.bearings.max(found.sensors), 1),
         Cell::Number(found.bearings, 1),
         Cell::Number(found.sensors, 1),
-        Cell::Number(1e6 * found.step_s, 2),
+        Cell::Plain(1e6 * found.step_s, 2),
         Cell::Number(found.of_reference, 1),
         Cell::Number(plan.expected_error, 1),
         Cell::Number(cost.setup_s, 2),
         Cell::Number(cost.run_s_per_s, 2),
-        Cell::Number(cost.spread, 1),
-        Cell::Number(1.0 / cost.run_s_per_s, 2),
+        Cell::Plain(cost.spread, 2),
+        Cell::Plain(1.0 / cost.run_s_per_s, 1),
         Cell::Number(cost.written_s_per_s, 2),
-        Cell::Text(scene.sensors.len().to_string()),
+        Cell::Plain(scene.sensors.len() as f64, 0),
     ])
 }
 
@@ -165,7 +165,7 @@ pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
     let number = |row: &[Cell], name: &str| {
         COLUMNS.iter().zip(row).find_map(|(column, cell)| match cell {
             Cell::Number(number, _) if column.name == name => Some(*number),
-            Cell::Number(..) | Cell::Text(_) | Cell::Flag(_) => None,
+            Cell::Number(..) | Cell::Plain(..) | Cell::Text(_) | Cell::Flag(_) => None,
         })
     };
     for row in rows {
