@@ -17,6 +17,7 @@ pub mod simulator;
 pub mod capture;
 pub mod offline;
 pub mod ingest;
+pub mod bench;
 pub mod api;
 pub mod dashboard;
 pub mod config;

@@ -15,6 +15,7 @@ pub mod bearings;
 pub mod simulate;
 pub mod serve;
 pub mod demo;
+pub mod bench;
 pub mod openapi;
 pub mod completions;
 pub mod man;
@@ -91,6 +92,9 @@ pub enum Command {
     /// Run the daemon on the simulated rig, with nothing configured
     #[command(after_help = demo::EXAMPLES)]
     Demo(demo::Arguments),
+    /// Measure the simulator: speed against error, and its hard cases
+    #[command(after_help = bench::EXAMPLES)]
+    Bench(bench::Arguments),
     /// Print the document of the HTTP API (OpenAPI 3.1), or a schema
     #[command(after_help = openapi::EXAMPLES)]
     Openapi(openapi::Arguments),
@@ -120,6 +124,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),
         Command::Man(arguments) => man::run(arguments),

@@ -219,7 +219,7 @@ pub(super) fn record(
 }
 
 /// Runs the whole scene into a capture.
-fn write(
+pub(super) fn write(
     simulation: &mut Simulation,
     (machine, seed): (Option<String>, u64),
     out: &Path,

@@ -23,3 +23,4 @@ mod check;
 mod demo;
 mod simulated;
 mod combinations;
+mod bench;

@@ -2,8 +2,8 @@
 //!
 //! `cargo test --release --test stability -- --ignored --nocapture --test-threads 1 tables`
 
-use crate::errors::{Exact, Record, mean_accelerations, ported, stepped, worst};
-use crate::scenes::{A3, D0, D3, Rig, bow_run_up};
+use rotorwatch::bench::records::{Exact, Record, mean_accelerations, ported, stepped, worst};
+use rotorwatch::bench::scenes::{A3, D0, D3, Rig, bow_run_up};
 use rotorwatch::simulator::reference::scene::Setting;
 
 #[test]
@@ -11,10 +11,10 @@ use rotorwatch::simulator::reference::scene::Setting;
 #[expect(clippy::print_stdout, reason = "that is what it is for")]
 fn errors_by_step() {
     let scenes = [
-        ("A, bearing 3", A3.scene()),
-        ("D, bearing 3, geometric", D3.scene()),
-        ("D, bearing 0", D0.scene()),
-        ("bow, run-up", bow_run_up()),
+        ("A, bearing 3", A3.scene().unwrap()),
+        ("D, bearing 3, geometric", D3.scene().unwrap()),
+        ("D, bearing 0", D0.scene().unwrap()),
+        ("bow, run-up", bow_run_up().unwrap()),
     ];
     println!("| scene | step, µs | bearings | sensors | bearings, uncut | sensors, uncut |");
     println!("|---|---|---|---|---|---|");
@@ -56,7 +56,7 @@ fn errors_by_shapes() {
     for (name, rig) in [("A, bearing 3", A3), ("D, bearing 3", D3), ("D, bearing 0", D0)] {
         let with = |count: usize| {
             let modes = format!("count = {count}\ndamping = 0.002\nelements_per_span = 4");
-            let setting = Setting::new(&Rig { modes: &modes, ..rig }.scene()).unwrap();
+            let setting = Setting::new(&Rig { modes: &modes, ..rig }.scene().unwrap()).unwrap();
             let record = stepped(&setting, step_s, seconds, true);
             let record = mean_accelerations(&setting, step_s, &record);
             (setting, record)
@@ -88,7 +88,7 @@ fn errors_of_the_fast_way() {
         for step_s in [20e-6, 10e-6, 5e-6, 2.5e-6] {
             let right = exact.at(step_s);
             let [plain, cut] =
-                [false, true].map(|cuts| both(&ported(&setting, step_s, 0.1, cuts), &right));
+                [false, true].map(|cuts| both(&ported(&setting, step_s, 0.1, cuts).unwrap(), &right));
             println!(
                 "| {name} | {} | {:.1e} | {:.1e} | {:.1e} | {:.1e} |",
                 step_s * 1e6,
@@ -108,7 +108,7 @@ fn the_fast_way_keeps_to_the_reference() {
     for (rig, step_s, cuts, limit) in cases {
         let setting = Setting::new(&rig.scene()).unwrap();
         let exact = Exact::new(&setting, step_s, 0.02, 1e-11).at(step_s);
-        let [bearings, sensors] = both(&ported(&setting, step_s, 0.02, cuts), &exact);
+        let [bearings, sensors] = both(&ported(&setting, step_s, 0.02, cuts).unwrap(), &exact);
         assert!(bearings < limit && sensors < limit, "{step_s}: {bearings:e} {sensors:e}");
     }
 }
@@ -121,7 +121,7 @@ const PEER: (f64, f64) = (0.02, 20e-6);
 fn reference_for_peers() {
     // All shapes of 24 elements and no modal damping: the finite-element equations themselves.
     let modes = "count = 48\ndamping = 0.0\nelements_per_span = 4";
-    let setting = Setting::new(&Rig { modes, ..A3 }.scene()).unwrap();
+    let setting = Setting::new(&Rig { modes, ..A3 }.scene().unwrap()).unwrap();
     assert_eq!(setting.model.basis.len(), 50, "all shapes");
     let record = Exact::new(&setting, PEER.1, PEER.0, 1e-12).at(PEER.1);
     let mut text = "time_s,right_x_m,right_y_m\n".to_owned();
@@ -136,11 +136,11 @@ fn reference_for_peers() {
 #[ignore = "prints processor time of the existing integrator; a figure, not a test"]
 #[expect(clippy::print_stdout, reason = "that is what it is for")]
 fn cost_by_step() {
-    let setting = Setting::new(&A3.scene()).unwrap();
+    let setting = Setting::new(&A3.scene().unwrap()).unwrap();
     println!("| scene | step, µs | processor time a simulated second, s |\n|---|---|---|");
     for step_s in [50e-6, 20e-6, 10e-6, 5e-6, 2.5e-6] {
         let start = cpu_time::ProcessTime::now();
-        stepped(&setting, step_s, 1.0, true);
+        std::hint::black_box(stepped(&setting, step_s, 1.0, true));
         let spent_s = start.elapsed().as_secs_f64();
         println!("| A, bearing 3 | {} | {spent_s:.3} |", step_s * 1e6);
     }

@@ -1,26 +1,28 @@
 //! The rig as a scene, in the variants that the simulator's figures are measured on.
 
-use rotorwatch::simulator::scene::Scene;
+use crate::simulator::scene::{Scene, SceneErrors};
 
 /// A variant of the rig at 40 Hz on two ball bearings, the right one damaged or not.
-#[derive(Clone, Copy)]
-pub(crate) struct Rig<'a> {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rig<'a> {
     /// `[speed]`.
-    pub(crate) speed: &'a str,
+    pub speed: &'a str,
     /// Clearance or interference of both bearings.
-    pub(crate) fit: &'a str,
-    pub(crate) gravity: bool,
+    pub fit: &'a str,
+    /// Whether there is gravity.
+    pub gravity: bool,
     /// Width, in, depth, mil, and profile of the inner-race defect of the right bearing.
-    pub(crate) defect: Option<(f64, f64, &'a str)>,
+    pub defect: Option<(f64, f64, &'a str)>,
     /// `[modes]`.
-    pub(crate) modes: &'a str,
-    pub(crate) accuracy: f64,
+    pub modes: &'a str,
+    /// Accuracy asked for.
+    pub accuracy: f64,
     /// Of both discs, in phase.
-    pub(crate) eccentricity_um: f64,
+    pub eccentricity_um: f64,
 }
 
 /// Set A, bearing 3: interference, a step 0.05 in wide and 4 mil deep, from rest.
-pub(crate) const A3: Rig<'static> = Rig {
+pub const A3: Rig<'static> = Rig {
     speed: "constant_hz = 40.0",
     fit: "interference_um = 0.5",
     gravity: false,
@@ -31,11 +33,11 @@ pub(crate) const A3: Rig<'static> = Rig {
 };
 
 /// Set D with the true path of the balls: clearance and gravity.
-pub(crate) const D3: Rig =
+pub const D3: Rig<'static> =
     Rig { fit: "clearance_um = 2.0", gravity: true, defect: Some((0.05, 4.0, "geometric")), ..A3 };
 
 /// Set D without a defect: balls are loaded and unloaded.
-pub(crate) const D0: Rig<'static> = Rig { defect: None, ..D3 };
+pub const D0: Rig<'static> = Rig { defect: None, ..D3 };
 
 const SHAFT: &str = "[shaft]\nlength_in = 21.0\ndiameter_in = 0.625\nyoung_gpa = 206.8427\n\
     poisson = 0.29\ndensity_kg_per_m3 = 7833.4\n";
@@ -51,7 +53,7 @@ fn discs(eccentricity_um: f64) -> String {
 }
 
 /// Accelerometers along x and y at the right bearing, a probe in the middle; all clean.
-fn sensors() -> String {
+fn clean_sensors() -> String {
     let sensor = |channel: &str, lines: &str| {
         format!(
             "[[sensor]]\nchannel = \"{channel}\"\nclean = true\nnumber = \"float64\"\n{lines}\n"
@@ -66,9 +68,51 @@ fn sensors() -> String {
     )
 }
 
+/// Accelerometers along x and y at the right bearing and, if all are wanted, at the left one; probes in the
+/// middle; noise and converters as they come.
+fn noisy_sensors(bearings: &[&str]) -> String {
+    let sensor = |channel: &str, kind: &str, place: &str, axis_deg: f64| {
+        format!(
+            "[[sensor]]\nchannel = \"{channel}\"\nkind = \"{kind}\"\n{place}\n\
+             axis_deg = {axis_deg:?}\nfull_scale = 1000.0\n"
+        )
+    };
+    let axes = [("x", 0.0), ("y", 90.0)];
+    let mut text = String::new();
+    for bearing in bearings {
+        for (axis, axis_deg) in axes {
+            let place = format!("bearing = \"{bearing}\"");
+            text += &sensor(&format!("{bearing}_{axis}"), "accelerometer", &place, axis_deg);
+        }
+    }
+    for (axis, axis_deg) in axes {
+        text += &sensor(&format!("mid_{axis}"), "proximitor", "at_in = 10.5", axis_deg);
+    }
+    text
+}
+
 impl Rig<'_> {
-    /// The scene.
-    pub(crate) fn scene(&self) -> Scene {
+    /// The scene with three clean sensors.
+    ///
+    /// # Errors
+    ///
+    /// Mistakes in the texts given.
+    pub fn scene(&self) -> Result<Scene, SceneErrors> {
+        self.with_sensors(&clean_sensors())
+    }
+
+    /// The scene with seven channels as a recorder has them: six sensors with noise and converters, and a
+    /// tacho.
+    ///
+    /// # Errors
+    ///
+    /// Mistakes in the texts given.
+    pub fn noisy_scene(&self) -> Result<Scene, SceneErrors> {
+        let tacho = "[[sensor]]\nchannel = \"tacho\"\nkind = \"tacho\"\n";
+        self.with_sensors(&(noisy_sensors(&["left", "right"]) + tacho))
+    }
+
+    fn with_sensors(&self, sensors: &str) -> Result<Scene, SceneErrors> {
         let Self { speed, fit, gravity, modes, accuracy, .. } = self;
         let ball = |id: &str, at: f64| {
             format!(
@@ -90,15 +134,19 @@ impl Rig<'_> {
             discs(self.eccentricity_um),
             ball("left", 3.5148),
             ball("right", 17.4852),
-            sensors()
+            sensors
         );
-        parse(&text)
+        Scene::parse(&text, "rig.toml")
     }
 }
 
 /// A bowed shaft on linear bearings with cross terms that runs up through its first critical speed
 /// (0 to 200 Hz in 0.1 s).
-pub(crate) fn bow_run_up() -> Scene {
+///
+/// # Errors
+///
+/// None: the text is fixed.
+pub fn bow_run_up() -> Result<Scene, SceneErrors> {
     let bearing = |id: &str, at: f64| {
         format!(
             "[[bearing]]\nid = \"{id}\"\nkind = \"linear\"\nat_in = {at}\n\
@@ -112,11 +160,32 @@ pub(crate) fn bow_run_up() -> Scene {
         discs(100.0),
         bearing("left", 3.5148),
         bearing("right", 17.4852),
-        sensors()
+        clean_sensors()
     );
-    parse(&text)
+    Scene::parse(&text, "rig.toml")
 }
 
-fn parse(text: &str) -> Scene {
-    Scene::parse(text, "rig.toml").unwrap_or_else(|mistakes| panic!("{mistakes}"))
+/// The rig at 40 Hz on linear bearings with four channels, bent or with unbalance alone: computed
+/// exactly.
+///
+/// # Errors
+///
+/// None: the text is fixed.
+pub fn linear(is_bent: bool) -> Result<Scene, SceneErrors> {
+    let bearing = |id: &str, at: f64| {
+        format!(
+            "[[bearing]]\nid = \"{id}\"\nkind = \"linear\"\nat_in = {at}\n\
+             stiffness_n_per_m = 1.078e8\ndamping_n_s_per_m = 200.0\n"
+        )
+    };
+    let bow = if is_bent { "[bow]\nshape = \"half_sine\"\namplitude_mil = 8.0\n" } else { "" };
+    let text = format!(
+        "[scene]\nname = \"linear\"\nduration_s = 1.0\nstart = \"rest\"\n[speed]\n\
+         constant_hz = 40.0\n{SHAFT}[modes]\ndamping = 0.01\n{bow}{}{}{}{}",
+        discs(100.0),
+        bearing("left", 3.5148),
+        bearing("right", 17.4852),
+        noisy_sensors(&["right"])
+    );
+    Scene::parse(&text, "rig.toml")
 }

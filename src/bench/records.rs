@@ -1,25 +1,31 @@
 //! Errors of time integration: a motion in steps against the reference of the same scene.
 
-use rotorwatch::simulator::ports::{PortRun, Sensed};
-use rotorwatch::simulator::reference::scene::Setting;
-use rotorwatch::simulator::run::{Run, Watch};
+use crate::simulator::ports::{PortRun, Sensed};
+use crate::simulator::reference::scene::Setting;
+use crate::simulator::run::{Run, Watch};
 
 /// Displacements of the bearings at every step, and samples of the sensors.
-pub(crate) struct Record {
-    pub(crate) bearings: Vec<Vec<f64>>,
-    pub(crate) sensors: Vec<Vec<f64>>,
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// [bearing and axis][step], m.
+    pub bearings: Vec<Vec<f64>>,
+    /// [sensor][sample], SI.
+    pub sensors: Vec<Vec<f64>>,
 }
 
 /// The motion followed to a tolerance and looked at every `grid_s`; samples are made of any of its
 /// coarser grids.
-pub(crate) struct Exact<'a> {
+#[derive(Debug, Clone)]
+pub struct Exact<'a> {
     setting: &'a Setting,
     grid_s: f64,
     values: Vec<Vec<f64>>,
 }
 
 impl<'a> Exact<'a> {
-    pub(crate) fn new(setting: &'a Setting, grid_s: f64, seconds: f64, tolerance: f64) -> Self {
+    /// Follows `seconds`, looks every `grid_s`.
+    #[must_use]
+    pub fn new(setting: &'a Setting, grid_s: f64, seconds: f64, tolerance: f64) -> Self {
         let mut reference = setting.reference(grid_s, tolerance);
         let watches: Vec<&Watch> = setting.bearings.iter().chain(&setting.sensors).collect();
         let mut values = vec![Vec::new(); watches.len()];
@@ -33,7 +39,12 @@ impl<'a> Exact<'a> {
     }
 
     /// The record that a run in steps of this length should give.
-    pub(crate) fn at(&self, step_s: f64) -> Record {
+    ///
+    /// # Panics
+    ///
+    /// If that is no multiple of the grid.
+    #[must_use]
+    pub fn at(&self, step_s: f64) -> Record {
         let every = steps(step_s, self.grid_s);
         assert!((step_s / self.grid_s - every as f64).abs() < 1e-6, "{step_s} {}", self.grid_s);
         let thin = |list: &Vec<f64>| list.iter().step_by(every).copied().collect();
@@ -41,8 +52,9 @@ impl<'a> Exact<'a> {
     }
 }
 
-/// The motion in steps.
-pub(crate) fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: bool) -> Record {
+/// The motion in steps, cut at the edges of defects (`is_aligned`) or not.
+#[must_use]
+pub fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: bool) -> Record {
     let mut run = Run::new(setting.model.clone(), step_s, setting.state.clone());
     if !is_aligned {
         run = run.without_cuts();
@@ -58,26 +70,37 @@ pub(crate) fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: 
     record(setting, step_s, values)
 }
 
-/// The motion in steps, the way of scenes with contacts at constant speed.
-pub(crate) fn ported(setting: &Setting, step_s: f64, seconds: f64, cuts: bool) -> Record {
+/// The motion in steps, the way of scenes with contacts at constant speed; `None` where that way is
+/// not open.
+#[must_use]
+pub fn ported(setting: &Setting, step_s: f64, seconds: f64, cuts: bool) -> Option<Record> {
     let state = setting.state.as_ref().map(|(q, v)| (&q[..], &v[..]));
     let all = setting.bearings.iter().chain(&setting.sensors);
     let watches: Vec<Sensed> =
         all.map(|watch| Sensed { watch: watch.clone(), corner_hz: None }).collect();
-    let run = PortRun::new(&setting.model, step_s, 0, state).expect("constant speed");
+    let run = PortRun::new(&setting.model, step_s, 0, state)?;
     let mut run = run.watching(&watches, 1).cutting_at_contact(cuts);
     let mut values = vec![Vec::new(); watches.len()];
     run.fill(steps(seconds, step_s), &mut values);
-    record(setting, step_s, values)
+    Some(record(setting, step_s, values))
 }
 
 fn record(setting: &Setting, step_s: f64, mut values: Vec<Vec<f64>>) -> Record {
     let sensors = values.split_off(setting.bearings.len());
-    let sampled = |(i, values): (usize, &Vec<f64>)| setting.sampled(i, step_s, values);
+    let sampled = |(i, values): (usize, &Vec<f64>)| {
+        if setting.plan.is_linear {
+            // Computed sample by sample: no filter.
+            let every = steps(1.0 / setting.filters[i].0, step_s);
+            return values.iter().step_by(every).copied().collect();
+        }
+        setting.sampled(i, step_s, values)
+    };
     Record { bearings: values, sensors: sensors.iter().enumerate().map(sampled).collect() }
 }
 
-pub(crate) fn steps(seconds: f64, step_s: f64) -> usize {
+/// How many steps, rounded.
+#[must_use]
+pub fn steps(seconds: f64, step_s: f64) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "up to 1e6")]
     let n = (seconds / step_s).round() as usize;
     n
@@ -85,7 +108,12 @@ pub(crate) fn steps(seconds: f64, step_s: f64) -> usize {
 
 /// Largest difference in a list of channels, each relative to the reference's largest value there.
 /// A channel that does not move in the reference must not move.
-pub(crate) fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
+///
+/// # Panics
+///
+/// If channels differ in length.
+#[must_use]
+pub fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
     let of_channel = |(found, exact): (&Vec<f64>, &Vec<f64>)| {
         assert_eq!(found.len(), exact.len());
         let largest = exact.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
@@ -97,7 +125,8 @@ pub(crate) fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
 
 /// The accelerations of the right bearing from its displacement, each a mean over two steps: points of
 /// an acceleration that jumps would fold what lies beyond the sensors into their band.
-pub(crate) fn mean_accelerations(setting: &Setting, step_s: f64, record: &Record) -> Record {
+#[must_use]
+pub fn mean_accelerations(setting: &Setting, step_s: f64, record: &Record) -> Record {
     let square = step_s * step_s;
     let sensor = |x: &Vec<f64>| {
         // At rest before time 0.

@@ -1,14 +1,18 @@
 //! One mass: Hertz spring, parametric excitation, long motion without damping, unbalance and bow.
 
-use crate::rows::{Row, hold};
+use super::Rows;
+use super::rows::Row;
+use crate::bench::BenchError;
+use crate::simulator::etd::{Etdrk4, Load, Oscillators};
+use crate::simulator::linear::{LinearRun, LinearSystem};
+use crate::simulator::model::Model;
+use crate::simulator::modes::Basis;
+use crate::simulator::run::{Quantity, Run, Watch};
+use crate::simulator::speed::SpeedProfile;
 use nalgebra::DMatrix;
-use rotorwatch::simulator::etd::{Etdrk4, Load, Oscillators};
-use rotorwatch::simulator::linear::{LinearRun, LinearSystem};
-use rotorwatch::simulator::model::Model;
-use rotorwatch::simulator::modes::Basis;
-use rotorwatch::simulator::run::{Quantity, Run, Watch};
-use rotorwatch::simulator::speed::SpeedProfile;
 use std::f64::consts::TAU;
+
+const NO_STEADY: BenchError = BenchError::Absent { case: "one mass", what: "steady motion" };
 
 struct Function<F: FnMut(f64, &[f64], &[f64], &mut [f64])>(F);
 
@@ -32,8 +36,12 @@ fn mass(omega: f64, damping: f64, speed_hz: f64) -> Model {
     Model::new(basis, damping, SpeedProfile::Constant(speed_hz))
 }
 
-#[test]
-fn a_hertz_spring_softens_and_loses_contact() {
+/// A mass on a Hertz spring: its frequency falls with the amplitude.
+///
+/// # Errors
+///
+/// [`BenchError`] when it cannot be computed.
+pub fn hertz_spring() -> Rows {
     let (factor, load_n) = (9.239e9_f64, 26.0);
     let rest = (load_n / factor).powf(2.0 / 3.0);
     let natural = (1.5 * factor * rest.sqrt()).sqrt();
@@ -79,11 +87,15 @@ fn a_hertz_spring_softens_and_loses_contact() {
             rows.push(Row::new("Hertz: 1 − a²/24", "a 0.1", series, found, 1e-5));
         }
     }
-    hold(&rows);
+    Ok(rows)
 }
 
-#[test]
-fn a_pumped_spring_grows_as_mathieu_says() {
+/// A spring pumped at twice its frequency grows as Mathieu's equation says.
+///
+/// # Errors
+///
+/// [`BenchError`] when it cannot be computed.
+pub fn pumped_spring() -> Rows {
     let omega = TAU * 100.0;
     let mut rows = Vec::new();
     for (epsilon, zeta, growth, figure) in
@@ -108,11 +120,15 @@ fn a_pumped_spring_grows_as_mathieu_says() {
         let parameters = format!("ε {epsilon}, ζ {zeta}");
         rows.push(Row::new("Mathieu: growth/ω", parameters, growth, found, figure));
     }
-    hold(&rows);
+    Ok(rows)
 }
 
-#[test]
-fn motion_without_damping_lasts() {
+/// Motion without damping keeps amplitude and phase.
+///
+/// # Errors
+///
+/// [`BenchError`] when it cannot be computed.
+pub fn without_damping() -> Rows {
     let omega = TAU * 117.0;
     let watch = Watch { row: vec![1.0], axis_rad: 0.0, quantity: Quantity::Displacement };
     let model = mass(omega, 0.0, 1.0);
@@ -121,7 +137,8 @@ fn motion_without_damping_lasts() {
     for seconds in [10_u32, 1000] {
         let state = (&[1.0, 0.0][..], &[0.0, 0.0][..]);
         let mut run =
-            LinearRun::new(&model, 1.0, std::slice::from_ref(&watch), 1000.0, Some(state)).unwrap();
+            LinearRun::new(&model, 1.0, std::slice::from_ref(&watch), 1000.0, Some(state))
+                .ok_or(NO_STEADY)?;
         let mut block = [Vec::new()];
         for _ in 0..seconds {
             run.fill(1000, &mut block);
@@ -136,7 +153,7 @@ fn motion_without_damping_lasts() {
         let rate = lag / f64::from(seconds);
         rows.push(Row::below("light damping: phase error, rad/s", parameters, rate, 1e-9));
     }
-    hold(&rows);
+    Ok(rows)
 }
 
 /// (e·r² + δ₀·e^{iβ})/(1 − r² + 2iζr).
@@ -147,8 +164,12 @@ fn response(ratio: f64, zeta: f64, bow: f64, beta: f64) -> (f64, f64) {
     ((re * low_re + im * low_im) / square, (im * low_re - re * low_im) / square)
 }
 
-#[test]
-fn unbalance_and_bow_are_the_closed_form() {
+/// Unbalance and bow against the closed form of the Jeffcott rotor.
+///
+/// # Errors
+///
+/// [`BenchError`] when it cannot be computed.
+pub fn unbalance_and_bow() -> Rows {
     let (omega, zeta) = (100.0, 0.05);
     let watch = |axis_rad| Watch { row: vec![1.0], axis_rad, quantity: Quantity::Displacement };
     let mut rows = Vec::new();
@@ -166,7 +187,7 @@ fn unbalance_and_bow_are_the_closed_form() {
             let ratio = 0.1 * f64::from(i);
             let model = loaded(ratio);
             let system = LinearSystem::new(&model, ratio * omega);
-            let (q, _) = system.steady(&model).unwrap().at(&system, 0.0);
+            let (q, _) = system.steady(&model).ok_or(NO_STEADY)?.at(&system, 0.0);
             let (re, im) = response(ratio, zeta, bow, beta);
             worst = worst.max((q[0] - re).hypot(q[1] - im));
         }
@@ -196,8 +217,8 @@ fn unbalance_and_bow_are_the_closed_form() {
         model
     };
     let system = LinearSystem::new(&model, 0.5_f64.sqrt() * omega);
-    let (q, _) = system.steady(&model).unwrap().at(&system, 0.0);
+    let (q, _) = system.steady(&model).ok_or(NO_STEADY)?.at(&system, 0.0);
     let cancelled = q[0].hypot(q[1]);
     rows.push(Row::below("unbalance and bow cancel", "β 180°, r 0.7071", cancelled, 1e-12));
-    hold(&rows);
+    Ok(rows)
 }

@@ -1,0 +1,169 @@
+//! `rotorwatch bench`: what the program measures of itself, as a table, CSV, JSON and a plot.
+
+use super::output::Output;
+use super::output::OutputError;
+use super::simulate;
+use crate::bench;
+use crate::bench::BenchError;
+use crate::bench::computer::Computer;
+use crate::bench::simulator::Effort;
+use crate::bench::stability::rows::Row;
+use crate::bench::table;
+use crate::bench::table::Cell;
+use crate::bench::table::Column;
+use clap::Args;
+use clap::ValueEnum;
+use serde_json::Value;
+use serde_json::json;
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch bench simulator --out figures
+  rotorwatch bench stability
+
+simulator: error and processor time of classes of scenes at several accuracies asked for (minutes).
+stability: the simulator's hard cases against what is known of them (a minute).
+With --out the tables are also written there as CSV and JSON, and simulator as a plot (SVG).
+docs/performance.md says what the columns mean.
+
+Exit codes: 0 done; 2 a row of stability does not hold, or a bench could not be run.";
+
+/// Arguments of `bench`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// What is measured.
+    #[arg(value_enum, value_name = "BENCH")]
+    pub bench: Bench,
+    /// Folder for the tables, made if it is not there.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// A small part, to see that it works.
+    #[arg(long, hide = true)]
+    pub quick: bool,
+}
+
+/// What can be measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Bench {
+    /// Speed against error of the simulator.
+    Simulator,
+    /// Hard cases of the simulator.
+    Stability,
+    /// Not yet.
+    Signal,
+    /// Not yet.
+    Monitor,
+}
+
+/// Why there is no result.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error("bench {0}: not yet; there are simulator and stability")]
+    NotYet(&'static str),
+    #[error("{}: cannot be made", folder.display())]
+    Folder { folder: PathBuf, source: io::Error },
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("{n} of {total} rows do not hold")]
+    Missed { n: usize, total: usize },
+}
+
+/// Measures; exit code 0, or 2 on any mistake.
+#[must_use]
+pub fn run(arguments: &Arguments) -> ExitCode {
+    match measure(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => super::fail(&failure),
+    }
+}
+
+fn measure(arguments: &Arguments) -> Result<(), Failure> {
+    let bench = match arguments.bench {
+        Bench::Simulator => simulator,
+        Bench::Stability => stability,
+        Bench::Signal => return Err(Failure::NotYet("signal")),
+        Bench::Monitor => return Err(Failure::NotYet("monitor")),
+    };
+    if let Some(folder) = &arguments.out {
+        // Before minutes of work.
+        let cannot = |source| Failure::Folder { folder: folder.clone(), source };
+        fs::create_dir_all(folder).map_err(cannot)?;
+    }
+    bench(arguments.out.as_deref(), arguments.quick)
+}
+
+fn simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+    let effort = if quick { Effort::QUICK } else { Effort::WHOLE };
+    let folder = tempfile::tempdir()
+        .map_err(|source| Failure::Folder { folder: std::env::temp_dir(), source })?;
+    let capture = folder.path().join("bench.h5");
+    let mut page = Page::begin(&bench::simulator::COLUMNS)?;
+    let mut record = |simulation: &mut _| {
+        let written = simulate::write(simulation, (None, 1), &capture, &mut |_| ());
+        written.map_err(Into::into)
+    };
+    let rows = bench::simulator::run(&effort, &mut record, &mut |row| page.row(row))?;
+    page.write("simulator", out, &effort.json(), &rows)?;
+    match (out, bench::simulator::plot(&rows)) {
+        (Some(folder), Some(svg)) => file(&folder.join("simulator.svg"), &svg),
+        (None, _) | (_, None) => Ok(()),
+    }
+}
+
+fn stability(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+    let n_cases = if quick { 2 } else { usize::MAX };
+    let mut page = Page::begin(&Row::COLUMNS)?;
+    let rows = bench::stability::run(n_cases, &mut |row| page.row(row))?;
+    let cells: Vec<Vec<Cell>> = rows.iter().map(Row::cells).collect();
+    page.write("stability", out, &json!({}), &cells)?;
+    let n = rows.iter().filter(|row| !row.holds()).count();
+    if n > 0 { Err(Failure::Missed { n, total: rows.len() }) } else { Ok(()) }
+}
+
+/// Stdout, and what it shows.
+struct Page {
+    stdout: Output,
+    columns: &'static [Column],
+    computer: Computer,
+}
+
+impl Page {
+    fn begin(columns: &'static [Column]) -> Result<Self, Failure> {
+        let (mut stdout, computer) = (Output::open(None)?, Computer::this());
+        stdout.write(&format!("{}\n\n{}", computer.line(), table::heading(columns)))?;
+        Ok(Self { stdout, columns, computer })
+    }
+
+    fn row(&mut self, row: &[Cell]) -> Result<(), BenchError> {
+        let text = table::text_row(self.columns, row);
+        self.stdout.write(&text).map_err(|error| BenchError::Write(Box::new(error)))
+    }
+
+    /// Writes `NAME.csv` and `NAME.json` into the folder, if there is one.
+    fn write(
+        &self,
+        name: &str,
+        out: Option<&Path>,
+        settings: &Value,
+        rows: &[Vec<Cell>],
+    ) -> Result<(), Failure> {
+        let Some(folder) = out else { return Ok(()) };
+        let json = table::json(name, (&self.computer, settings), self.columns, rows);
+        file(&folder.join(format!("{name}.csv")), &table::csv(self.columns, rows))?;
+        file(&folder.join(format!("{name}.json")), &json)
+    }
+}
+
+fn file(path: &Path, text: &str) -> Result<(), Failure> {
+    let mut output = Output::open(Some(path))?;
+    output.write(text)?;
+    Ok(output.finish()?)
+}
