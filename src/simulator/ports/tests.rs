@@ -258,8 +258,10 @@ fn meshes_go_the_same_way_together_and_parting() {
         println!("{name}: {gaps:?}");
         for step_us in [5.0, 10.0, 20.0] {
             let every = 20.0 / step_us;
-            let f = fast(port_run(&model, step_us * 1e-6), (1000.0 * every) as usize, every as usize);
-            let reference: Vec<Vec<f64>> = found.iter().map(|l| l.iter().step_by(2).copied().collect()).collect();
+            let f =
+                fast(port_run(&model, step_us * 1e-6), (1000.0 * every) as usize, every as usize);
+            let reference: Vec<Vec<f64>> =
+                found.iter().map(|l| l.iter().step_by(2).copied().collect()).collect();
             println!("  {step_us} {:?}", differences(&f, &reference));
             let f = slow(&model, step_us * 1e-6, (1000.0 * every) as usize, every as usize);
             println!("  slow {step_us} {:?}", differences(&f, &reference));

@@ -77,7 +77,8 @@ fn numbers_out_of_range_are_refused_at_their_place() {
     );
     let ball = SceneDefect { place: DefectPlace::Element(11), ..d };
     assert_eq!(told(one(ball)), "rolling_element of right, ball: found 11, allowed: 0 to 10");
-    let elsewhere = Faults { defects: vec![("middle".to_owned(), d)], bow: None, ..Faults::default() };
+    let elsewhere =
+        Faults { defects: vec![("middle".to_owned(), d)], bow: None, ..Faults::default() };
     assert!(told(elsewhere).ends_with("a ball bearing of the scene: left, right"));
     for amplitude_m in [0.0, -1e-3, 0.1, f64::NAN] {
         let bow = Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } };
@@ -113,7 +114,11 @@ fn damage_grows_in_proportion_and_bows_add_as_vectors() {
     assert!((amplitude_m(&turned.shape) - 1e-4 / 2.0_f64.sqrt()).abs() < 1e-16);
     assert!((turned.angle_rad - 0.25 * PI).abs() < 1e-12);
     let points = BowShape::Points(vec![(0.1, 0.0), (0.2, -1e-4), (0.3, 0.0)]);
-    let other = Faults { defects: Vec::new(), bow: Some(Bow { angle_rad: 0.0, shape: points }), ..Faults::default() };
+    let other = Faults {
+        defects: Vec::new(),
+        bow: Some(Bow { angle_rad: 0.0, shape: points }),
+        ..Faults::default()
+    };
     let sizes = [0.25, 0.5, 0.75].map(|part| {
         between(&other, &bent(0.0), part).bow.map_or(0.0, |bow| amplitude_m(&bow.shape))
     });
