@@ -133,7 +133,7 @@ fn next_accused(running: &mut Demo, url: &str) -> Vec<(String, String)> {
 }
 
 #[test]
-#[ignore = "takes two minutes: the rig runs in real time"]
+#[ignore = "takes four minutes: the rig runs in real time"]
 fn the_verdict_follows_the_scenario_within_half_a_minute_and_heals() {
     let dir = TempDir::new().unwrap();
     let mut running = Demo::start(&mut demo(&dir, &["--bind", "127.0.0.1:0"]));
@@ -143,10 +143,16 @@ fn the_verdict_follows_the_scenario_within_half_a_minute_and_heals() {
     let path = format!("{url}/api/v1/simulation/scenario");
     let bearing = ("right".to_owned(), "inner_race".to_owned());
     let bow = ("main".to_owned(), "bow".to_owned());
+    let tooth = ("mesh-1".to_owned(), "tooth_damage".to_owned());
     for (scenario, expected) in [
         ("GG_GS_BB", vec![bearing.clone()]),
-        ("GG_BS_BB", vec![bow.clone(), bearing]),
-        ("GG_BS_GB", vec![bow]),
+        ("GG_BS_BB", vec![bow.clone(), bearing.clone()]),
+        ("GG_BS_GB", vec![bow.clone()]),
+        ("GG_GS_GB", vec![]),
+        ("BG_GS_GB", vec![tooth.clone()]),
+        ("BG_BS_GB", vec![bow.clone(), tooth.clone()]),
+        ("BG_BS_BB", vec![bow, tooth.clone(), bearing.clone()]),
+        ("BG_GS_BB", vec![tooth, bearing]),
         ("GG_GS_GB", vec![]),
     ] {
         let body = serde_json::json!({ "scenario": scenario });

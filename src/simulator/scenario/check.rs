@@ -135,8 +135,10 @@ fn check_tooth(scene: &Scene, id: &str, fault: &ToothFault) -> Result<(), Scenar
         if value >= low && value <= high {
             return Ok(());
         }
+        // To a millionth: what a change of units leaves is no information.
+        let found = ((value * 1e6).round() / 1e6).to_string();
         let allowed = format!("{low} to {high}");
-        Err(ScenarioError::Fault { place: of_gear(id, key), found: value.to_string(), allowed })
+        Err(ScenarioError::Fault { place: of_gear(id, key), found, allowed })
     };
     let small_um = um(limits::TOOTH_M);
     match fault.fault {
