@@ -286,7 +286,7 @@ impl Service {
 /// A simulated source that takes combinations of a bad bearing only.
 fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
     let status = Status {
-        scene: "demo".to_owned(),
+        scene: "GG_GS_GB".to_owned(),
         scenario: Some("GG_GS_GB"),
         possible: vec!["GG_GS_GB", "GG_GS_BB"],
         wanted: Faults::default(),

@@ -21,6 +21,7 @@ use crate::simulator::scenario::Wanted;
 use crate::simulator::scene::Faults;
 use crate::simulator::scene::MachineText;
 use crate::simulator::scene::Scene;
+use crate::simulator::scene::builtin;
 use clap::Args;
 use std::fs;
 use std::io;
@@ -44,14 +45,14 @@ Examples:
   curl -H 'content-type: application/json' -d '{ \"scenario\": \"GG_GS_BB\" }' \\
     http://127.0.0.1:8080/api/v1/simulation/scenario
 
-A scenario says what is good (G) and bad (B): gear, shaft, bearing. The diagnosis knows nothing of it;
+A scenario says what is good (G) and bad (B): gear, shaft, bearing; BG_BS_BB has all three damaged. The diagnosis knows nothing of it;
 it follows within half a minute. Ctrl-C ends the demonstration.";
 
 /// Port that is tried first; if it is taken, any free one.
 const PORT: u16 = 8080;
 
 /// The scene that runs.
-const SCENE: &str = "demo";
+const SCENE: &str = "GG_GS_GB";
 
 /// What it begins with unless something else is asked for.
 const HEALTHY: &str = "GG_GS_GB";
@@ -165,15 +166,20 @@ impl Folder {
 /// Writes scene, machine file, the healthy reference and the configuration, and reads the latter as
 /// `serve` would.
 fn write_files(folder: &Path, scene: &Scene, scenario: &str) -> Result<Config, DemoError> {
-    let machine = match &scene.machine {
-        Some(MachineText::Inline(text)) => text.clone(),
-        Some(MachineText::File(_)) | None => String::new(),
+    // The machine file stands beside the scene here, under its own name.
+    let (machine, text) = match &scene.machine {
+        Some(MachineText::Inline(machine)) => (machine.clone(), scene.text.clone()),
+        Some(MachineText::File(file)) => {
+            let machine = builtin::machine(file).unwrap_or_default().to_owned();
+            (machine, scene.text.replace(file.as_str(), MACHINE))
+        }
+        None => (String::new(), scene.text.clone()),
     };
     let write = |name: &str, text: &str| {
         let file = folder.join(name);
         fs::write(&file, text).map_err(|source| DemoError::Write { file, source })
     };
-    write(SCENE_FILE, &scene.text)?;
+    write(SCENE_FILE, &text)?;
     write(MACHINE, &machine)?;
     write(CONFIGURATION, &configuration(scenario))?;
     tracing::info!("computing a healthy reference run of {} s", scene.duration_s);
@@ -301,6 +307,9 @@ mod tests {
         assert_eq!(source.scenario, Some(Wanted::Combination("GG_BS_BB".to_owned())));
         assert_ne!(source.seed, REFERENCE_SEED);
         assert_eq!(source.scene.faults(), Faults::default());
+        assert_eq!(source.scene.machine, Some(MachineText::File(MACHINE.to_owned())));
+        let names: Vec<_> = scenario::possible(&source.scene).collect();
+        assert_eq!(names, scenario::COMBINATIONS);
         let wanted = Wanted::Combination(HEALTHY.to_owned());
         assert_eq!(scenario::faults(&scene, &wanted), Ok(Faults::default()));
     }

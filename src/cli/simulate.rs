@@ -44,9 +44,8 @@ Examples:
 
 SCENE is a scene file (docs/simulator.md) or a built-in scene: GG_GS_GB to BG_BS_BB (gear, shaft, bearing
 good or bad, 10 Hz), seed-bearing-40hz (which is -3), seed-bearing-40hz-0 to -3 (the damaged bearings of
-the source, 0 is healthy), seed-bow-2hz, seed-gear-10hz, run-up, demo (the
-healthy rig of `rotorwatch demo`). Same scene and same seed give the same
-capture, bit by bit.
+the source, 0 is healthy), seed-bow-2hz, seed-gear-10hz, run-up. `rotorwatch demo` runs
+GG_GS_GB. Same scene and same seed give the same capture, bit by bit.
 
 Exit codes: 0 done; 2 the scene has mistakes or the capture could not be written.";
 

@@ -95,8 +95,24 @@ function scenarioText(name) {
   return `${name}: ${bad.length ? `${bad.join(", ")} bad` : "nothing bad"}`;
 }
 
+/** A fault of a tooth: kind, tooth, and the sizes that are not nothing. */
+function toothText(fault) {
+  const sizes = [
+    [fault.depth_um, "µm deep"],
+    [fault.slope_um, "µm at the tip"],
+    [fault.form_um, "µm in the middle"],
+    [fault.offset_um, "µm off its place"],
+  ];
+  const told = sizes.filter(([size]) => size).map(([size, text]) => `, ${short(size)} ${text}`);
+  const factor = fault.stiffness_factor ?? 1;
+  if (factor !== 1) told.push(`, ${short(factor)} times as stiff`);
+  const mate = fault.member === "mate" ? " (mate)" : "";
+  return `tooth ${fault.tooth} of ${fault.gear}${mate}: ${words(fault.kind)}${told.join("")}`;
+}
+
 function faultText(fault) {
   if (fault.fault === "bow") return `bow of ${short(fault.amplitude_um)} µm`;
+  if (fault.fault === "tooth_damage") return toothText(fault);
   const size = `${short(fault.width_mm)} mm wide, ${short(fault.depth_um)} µm deep`;
   return `${words(fault.fault)} of ${fault.bearing}, ${size}`;
 }

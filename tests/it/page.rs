@@ -6,6 +6,8 @@ use crate::scene;
 use crate::simulated;
 use crate::support;
 use crate::support::Daemon;
+use rotorwatch::simulator::scenario::COMBINATIONS;
+use rotorwatch::simulator::scene::builtin;
 use std::process::Command;
 
 /// Text of the page as Chromium shows it after `budget_ms` of its own time.
@@ -98,4 +100,30 @@ fn the_page_offers_scenarios_of_a_simulated_machine_only() {
     let replayed = Daemon::start_in(dir);
     let page = shown(&format!("{}/", replayed.base_url), 8000).unwrap();
     assert!(page.contains(&format!("{section} hidden")), "{page}");
+}
+
+#[test]
+#[ignore = "needs chromium: apt install chromium, or set CHROMIUM"]
+fn the_page_offers_all_eight_combinations_of_the_rig_with_the_gear() {
+    let config = "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n[[source]]\n\
+         kind = \"simulated\"\nmachine = \"rig-1\"\nscene = \"GG_GS_GB\"\n";
+    let rig = builtin::machine("../machines/rig.toml").unwrap();
+    let daemon = Daemon::start_in(support::folder(config, &[("rig.toml", rig.as_bytes())]));
+    let bad = serde_json::json!({ "scenario": "BG_GS_GB" });
+    assert_eq!(daemon.post_json("/api/v1/simulation/scenario", &bad).0, 200);
+    let url = format!("{}/", daemon.base_url);
+    let Some(page) = shown(&url, 8000) else {
+        println!(
+            "SKIPPED the_page_offers_all_eight_combinations_of_the_rig_with_the_gear: no chromium"
+        );
+        return;
+    };
+    for name in COMBINATIONS {
+        assert!(page.contains(&format!("<option value=\"{name}\">{name}: ")), "{name}:\n{page}");
+    }
+    for text in ["BG_BS_BB: gear, shaft, bearing bad", "tooth 23 of mesh-1: worn, 12.7 µm deep"] {
+        assert!(page.contains(text), "{text} is not on the page:\n{page}");
+    }
+    assert!(!page.contains("NaN") && !page.contains("undefined"), "{page}");
+    picture(&url, "gears.png");
 }

@@ -156,11 +156,13 @@ fn machines_are_simulated_independently_and_named_where_there_are_several() {
 fn bad_bodies_are_refused_and_change_nothing() {
     let daemon = Daemon::start_in(folder("", &["rig-1"]));
     let defect = json!({ "fault": "inner_race", "bearing": "left", "width_mm": 1, "depth_um": 50 });
+    let tooth = json!({ "fault": "tooth_damage", "kind": "missing", "gear": "mesh-1", "tooth": 1 });
     for (body, words) in [
         (json!({ "scenario": "BG_BS_BB" }), "needs a gear"),
         (json!({ "scenario": "GG_GS_BB" }), "needs a ball bearing"),
         (json!({ "scenario": "bent" }), "GG_GS_GB, GG_BS_GB"),
         (json!({ "faults": [defect] }), "the scene has no ball bearings"),
+        (json!({ "faults": [tooth] }), "no gear: the scene has none"),
         (json!({ "faults": [{ "fault": "bow", "amplitude_um": -1 }] }), "above 0 and below"),
         (json!({ "faults": [{ "fault": "bow", "amplitude_um": 1e300 }] }), "above 0 and below"),
         (json!({ "scenario": "GG_BS_GB", "grow_s": -1 }), "grow_s is -1"),
@@ -252,7 +254,7 @@ fn a_motion_without_bound_fails_its_own_machine_only() {
     let dir = folder("", &["rig-1"]);
     // Contacts far too stiff for the step: no scene of this world.
     let contact = "conformity = 0.52\nyoung_gpa = 206.8\npoisson = 0.3\n";
-    let text = builtin::text("demo").unwrap();
+    let text = builtin::text("GG_GS_GB").unwrap();
     assert!(text.contains(contact) && text.contains("start = \"rotating\""));
     let stiff = text.replace(contact, "contact_factor_n_per_m1_5 = 1e14\n");
     let stiff = stiff.replace("start = \"rotating\"", "start = \"rest\"");
@@ -302,18 +304,18 @@ fn what_a_scene_or_source_gets_wrong_is_told_before_anything_runs() {
     };
     for (keys, words) in [
         ("", "source[0]: the key \"scene\" is missing"),
-        ("scene = \"none\"\n", "no built-in scene of that name: demo, seed-bearing-40hz"),
+        ("scene = \"none\"\n", "no built-in scene of that name: BG_BS_BB, BG_BS_GB"),
         ("scene = \"worn.toml\"\n", "worn.toml: 2:8: scene.name: "),
         (
-            "scene = \"demo\"\nscenario = \"BG_GS_GB\"\n",
+            "scene = \"run-up\"\nscenario = \"BG_GS_GB\"\n",
             "source[0].scenario: the scenario BG_GS_GB needs a gear",
         ),
         (
-            "scene = \"demo\"\nfile = \"x.h5\"\n",
+            "scene = \"GG_GS_GB\"\nfile = \"x.h5\"\n",
             "source[0].file: a source of the kind \"simulated\" has no such key",
         ),
-        ("scene = \"demo\"\nspeed = 0\n", "source[0].speed"),
-        ("scene = \"demo\"\nseed = -1\n", "source[0].seed"),
+        ("scene = \"GG_GS_GB\"\nspeed = 0\n", "source[0].speed"),
+        ("scene = \"GG_GS_GB\"\nseed = -1\n", "source[0].seed"),
     ] {
         let told = source(keys);
         assert!(told.contains(words), "{words}\nnot in\n{told}");

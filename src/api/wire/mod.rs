@@ -13,6 +13,7 @@ pub mod alarms;
 pub mod problem;
 pub mod system;
 pub mod simulation;
+mod tooth;
 
 pub use names::*;
 

@@ -6,6 +6,7 @@
 use super::finite;
 use super::machines::source_text;
 use super::rfc3339;
+use super::tooth::ToothWire;
 use crate::api::view::MachineView;
 use crate::ingest::simulated::Status;
 use crate::simulator::contact::DefectPlace;
@@ -55,6 +56,8 @@ pub enum FaultWire {
     RollingElement(BallDefectWire),
     /// A bent shaft.
     Bow(BowWire),
+    /// Damage of a gear's tooth.
+    ToothDamage(ToothWire),
 }
 
 /// Size and place of a defect of a race.
@@ -212,6 +215,7 @@ fn faults(list: &[FaultWire]) -> Result<Faults, String> {
                 let shape = BowShape::HalfSine { amplitude_m: bow.amplitude_um * 1e-6 };
                 faults.bow = Some(Bow { angle_rad: bow.angle_deg.to_radians(), shape });
             }
+            FaultWire::ToothDamage(tooth) => faults.teeth.push(tooth.fault()?),
         }
     }
     Ok(faults)
@@ -226,7 +230,9 @@ fn listed(faults: &Faults) -> Vec<FaultWire> {
             angle_deg: tidy(bow.angle_rad.to_degrees()),
         })
     });
-    defects.chain(bow).collect()
+    let teeth = faults.teeth.iter();
+    let teeth = teeth.map(|(id, fault)| FaultWire::ToothDamage(ToothWire::new(id, fault)));
+    defects.chain(bow).chain(teeth).collect()
 }
 
 impl DefectWire {
@@ -290,7 +296,7 @@ impl FaultWire {
 }
 
 /// A length or angle to a millionth of its unit: what a change of units leaves is no information.
-fn tidy(value: f64) -> f64 {
+pub(super) fn tidy(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }
 
@@ -324,6 +330,7 @@ impl SimulationWire {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulator::mesh::{Fault, Member, ToothFault};
     use serde_json::json;
 
     fn body(value: serde_json::Value) -> Result<(Wanted, f64), String> {
@@ -341,6 +348,16 @@ mod tests {
             { "fault": "rolling_element", "bearing": "left", "ball": 3, "width_mm": 0.5,
               "depth_um": 20.0, "angle_deg": -12.5, "profile": "raised_cosine" },
             { "fault": "bow", "amplitude_um": 203.2, "angle_deg": 45.0 },
+            { "fault": "tooth_damage", "kind": "worn", "gear": "mesh-1", "member": "gear",
+              "tooth": 23, "depth_um": 12.7, "stiffness_factor": 0.8 },
+            { "fault": "tooth_damage", "kind": "cracked", "gear": "mesh-1", "member": "mate",
+              "tooth": 1, "depth_um": 900.0, "crack_angle_deg": 45.0 },
+            { "fault": "tooth_damage", "kind": "missing", "gear": "mesh-1", "member": "gear",
+              "tooth": 28 },
+            { "fault": "tooth_damage", "kind": "profile_error", "gear": "mesh-1",
+              "member": "gear", "tooth": 2, "slope_um": -3.0, "form_um": 4.0 },
+            { "fault": "tooth_damage", "kind": "pitch_error", "gear": "mesh-1", "member": "gear",
+              "tooth": 3, "offset_um": 8.0 },
         ]);
         let (wanted, grow_s) = body(json!({ "faults": list, "grow_s": 5 })).unwrap();
         let Wanted::Faults(faults) = wanted else { panic!("a list") };
@@ -353,8 +370,32 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_teeth_have_the_defaults_of_a_scene() {
+        let tooth = |value: serde_json::Value| {
+            let (wanted, _) = body(json!({ "faults": [value] })).unwrap();
+            let Wanted::Faults(faults) = wanted else { panic!("a list") };
+            faults.teeth[0].clone()
+        };
+        let worn = json!({ "fault": "tooth_damage", "kind": "worn", "gear": "g", "tooth": 23,
+            "depth_um": 12.5 });
+        let fault = Fault::Worn { depth_m: 12.5 * 1e-6, stiffness_factor: 1.0 };
+        let expected = ToothFault { member: Member::Gear, tooth: 22, fault };
+        assert_eq!(tooth(worn), ("g".to_owned(), expected));
+        let cracked = json!({ "fault": "tooth_damage", "kind": "cracked", "gear": "g", "tooth": 1,
+            "depth_um": 500 });
+        let Fault::Cracked(crack) = tooth(cracked).1.fault else { panic!("a crack") };
+        assert!((crack.angle_rad.to_degrees() - 60.0).abs() < 1e-12);
+    }
+
+    #[test]
     fn bodies_that_say_too_much_or_too_little_are_refused() {
         let bow = json!({ "fault": "bow", "amplitude_um": 1.0 });
+        let tooth = |kind: &str, more: serde_json::Value| {
+            let mut fault =
+                json!({ "fault": "tooth_damage", "kind": kind, "gear": "mesh-1", "tooth": 1 });
+            fault.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+            fault
+        };
         for (value, words) in [
             (json!({}), "neither scenario nor faults"),
             (json!({ "scenario": "GG_GS_GB", "faults": [] }), "both scenario and faults"),
@@ -366,6 +407,21 @@ mod tests {
             (json!({ "faults": [{ "fault": "bow" }] }), "missing field `amplitude_um`"),
             (json!({ "faults": [{ "fault": "bow", "amplitude_um": 1, "width": 2 }] }), "`width`"),
             (json!({ "faults": [bow, bow] }), "two bows"),
+            (
+                json!({ "faults": [tooth("worn", json!({}))] }),
+                "neither depth_um nor stiffness_factor",
+            ),
+            (json!({ "faults": [tooth("worn", json!({ "tooth": 0, "depth_um": 1 }))] }), "found 0"),
+            (json!({ "faults": [tooth("worn", json!({ "depth_mil": 1 }))] }), "`depth_mil`"),
+            (json!({ "faults": [tooth("cracked", json!({}))] }), "missing field `depth_um`"),
+            (json!({ "faults": [tooth("missing", json!({ "depth_um": 1 }))] }), "`depth_um`"),
+            (
+                json!({ "faults": [tooth("profile_error", json!({}))] }),
+                "neither slope_um nor form_um",
+            ),
+            (json!({ "faults": [tooth("pitch_error", json!({}))] }), "missing field `offset_um`"),
+            (json!({ "faults": [tooth("bent", json!({}))] }), "unknown variant `bent`"),
+            (json!({ "faults": [tooth("worn", json!({ "member": "pinion" }))] }), "`pinion`"),
             (json!({ "faults": vec![bow.clone(); 33] }), "at most 32"),
         ] {
             let told = body(value.clone()).unwrap_err();

@@ -11,7 +11,6 @@ const SCENES: &[(&str, &str)] = &[
     ("GG_GS_BB", include_str!("../../../config/scenes/GG_GS_BB.toml")),
     ("GG_GS_GB", include_str!("../../../config/scenes/GG_GS_GB.toml")),
     ("run-up", include_str!("../../../config/scenes/run-up.toml")),
-    ("demo", include_str!("../../../config/scenes/demo.toml")),
     ("seed-bearing-40hz", include_str!("../../../config/scenes/seed-bearing-40hz-3.toml")),
     ("seed-bearing-40hz-0", include_str!("../../../config/scenes/seed-bearing-40hz-0.toml")),
     ("seed-bearing-40hz-1", include_str!("../../../config/scenes/seed-bearing-40hz-1.toml")),

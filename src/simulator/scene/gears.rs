@@ -1,6 +1,7 @@
 //! `[[gear]]` with `[[gear.fault]]`.
 
 use super::lengths::{Span, angle, has_length, length, length_keys, number_or};
+use super::limits;
 use super::parts::{self, MAX_M, POISSON, YOUNG_GPA};
 use super::{SceneGear, SceneMate};
 use crate::machine::file::general::ID;
@@ -206,11 +207,13 @@ fn read_fault(mut section: Section<'_>) -> Option<ToothFault> {
     let members = [("gear", Member::Gear), ("mate", Member::Mate)];
     let member = s.choice("member", Need::Optional, &members);
     let member = if s.has("member") { member? } else { Member::Gear };
-    let small = Span::Signed(0.01);
+    let small = Span::Signed(limits::TOOTH_M);
     let fault = match kind {
         Kind::Worn => {
-            let depth = length(s, length_keys!("depth"), Need::Optional, Span::FromZero(0.01));
-            let factor = number_or(s, "stiffness_factor", NumberRange::closed(0.01, 1.0), 1.0);
+            let depth =
+                length(s, length_keys!("depth"), Need::Optional, Span::FromZero(limits::TOOTH_M));
+            let (low, high) = limits::STIFFNESS_FACTOR;
+            let factor = number_or(s, "stiffness_factor", NumberRange::closed(low, high), 1.0);
             if !has_length(s, length_keys!("depth")) && !s.has("stiffness_factor") {
                 s.missing(
                     "depth_um",
@@ -224,9 +227,11 @@ fn read_fault(mut section: Section<'_>) -> Option<ToothFault> {
             })
         }
         Kind::Cracked => {
-            let depth = length(s, length_keys!("depth"), Need::Required, Span::Positive(0.1));
-            let range = NumberRange::closed(0.0, 90.0);
-            let angle = number_or(s, "crack_angle_deg", range, 60.0);
+            let depth =
+                length(s, length_keys!("depth"), Need::Required, Span::Positive(limits::CRACK_M));
+            let (low, high) = limits::CRACK_DEG;
+            let range = NumberRange::closed(low, high);
+            let angle = number_or(s, "crack_angle_deg", range, limits::CRACK_DEFAULT_DEG);
             let crack = depth
                 .zip(angle)
                 .map(|(depth_m, angle)| Crack { depth_m, angle_rad: angle.to_radians() });

@@ -7,6 +7,7 @@
 
 mod errors;
 mod lengths;
+pub mod limits;
 mod file;
 mod parts;
 mod bearings;

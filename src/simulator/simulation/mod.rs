@@ -203,12 +203,13 @@ impl Simulation {
         Ok(())
     }
 
-    /// Exchanges the faults of bearings and shaft from the next sample on. The motion goes on from
+    /// Exchanges the faults of bearings, shaft and teeth from the next sample on. The motion goes on from
     /// where it is: no reset, no step in the displacement.
     ///
     /// # Errors
     ///
-    /// A defect of a bearing that is no ball bearing of the scene, or a bow the shaft cannot take;
+    /// A defect of a bearing that is no ball bearing of the scene, a fault of a tooth that is not there or
+    /// leaves too little of it, or a bow the shaft cannot take;
     /// nothing is changed then. The points of a bow go to the nearest nodes.
     pub fn set_faults(&mut self, faults: &Faults) -> Result<(), SceneErrors> {
         let mut model = self.model.clone();
