@@ -83,7 +83,7 @@ fn errors_of_the_fast_way() {
     println!("| scene | step, µs | bearings | sensors | bearings, cut | sensors, cut |");
     println!("|---|---|---|---|---|---|");
     for (name, rig) in scenes {
-        let setting = Setting::new(&rig.scene()).unwrap();
+        let setting = Setting::new(&rig.scene().unwrap()).unwrap();
         let exact = Exact::new(&setting, 2.5e-6, 0.1, 1e-12);
         for step_s in [20e-6, 10e-6, 5e-6, 2.5e-6] {
             let right = exact.at(step_s);
@@ -106,7 +106,7 @@ fn the_fast_way_keeps_to_the_reference() {
     // Steps and limits: what the table says, with a factor of two.
     let cases = [(A3, 20e-6, false, 1e-4), (A3, 5e-6, false, 1e-6), (D0, 10e-6, true, 3e-5)];
     for (rig, step_s, cuts, limit) in cases {
-        let setting = Setting::new(&rig.scene()).unwrap();
+        let setting = Setting::new(&rig.scene().unwrap()).unwrap();
         let exact = Exact::new(&setting, step_s, 0.02, 1e-11).at(step_s);
         let [bearings, sensors] = both(&ported(&setting, step_s, 0.02, cuts).unwrap(), &exact);
         assert!(bearings < limit && sensors < limit, "{step_s}: {bearings:e} {sensors:e}");
