@@ -87,8 +87,8 @@ fn errors_of_the_fast_way() {
         let exact = Exact::new(&setting, 2.5e-6, 0.1, 1e-12);
         for step_s in [20e-6, 10e-6, 5e-6, 2.5e-6] {
             let right = exact.at(step_s);
-            let [plain, cut] =
-                [false, true].map(|cuts| both(&ported(&setting, step_s, 0.1, cuts).unwrap(), &right));
+            let [plain, cut] = [false, true]
+                .map(|cuts| both(&ported(&setting, step_s, 0.1, cuts).unwrap(), &right));
             println!(
                 "| {name} | {} | {:.1e} | {:.1e} | {:.1e} | {:.1e} |",
                 step_s * 1e6,
