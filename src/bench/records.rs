@@ -7,9 +7,9 @@ use crate::simulator::run::{Run, Watch};
 /// Displacements of the bearings at every step, and samples of the sensors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
-    /// [bearing and axis][step], m.
+    /// m, by bearing and axis, then by step.
     pub bearings: Vec<Vec<f64>>,
-    /// [sensor][sample], SI.
+    /// SI, by sensor, then by sample.
     pub sensors: Vec<Vec<f64>>,
 }
 
