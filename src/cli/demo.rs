@@ -45,8 +45,8 @@ Examples:
   curl -H 'content-type: application/json' -d '{ \"scenario\": \"GG_GS_BB\" }' \\
     http://127.0.0.1:8080/api/v1/simulation/scenario
 
-A scenario says what is good (G) and bad (B): gear, shaft, bearing; BG_BS_BB has all three damaged. The diagnosis knows nothing of it;
-it follows within half a minute. Ctrl-C ends the demonstration.";
+A scenario says what is good (G) and bad (B): gear, shaft, bearing, GG_GS_GB to BG_BS_BB. The diagnosis
+knows nothing of it; it follows within half a minute. Ctrl-C ends the demonstration.";
 
 /// Port that is tried first; if it is taken, any free one.
 const PORT: u16 = 8080;
