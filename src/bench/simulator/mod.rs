@@ -101,8 +101,8 @@ fn scenes(n: usize) -> Result<Vec<(&'static str, Scene)>, BenchError> {
     };
     let list = [
         ("set A, bearing 3", A3.noisy_scene()?),
-        ("linear bow", scenes::linear(true)?),
         ("linear unbalance", scenes::linear(false)?),
+        ("linear bow", scenes::linear(true)?),
         ("seed-bearing-40hz-3", built_in("seed-bearing-40hz-3")?),
         ("BG_BS_BB", built_in("BG_BS_BB")?),
     ];
