@@ -16,9 +16,11 @@ const PARTS_S: (f64, f64) = (0.02, 20.0);
 pub struct Cost {
     /// What was chosen.
     pub plan: Plan,
+    /// How much of the record's beginning was measured, s.
+    pub seconds: f64,
     /// To build and to choose the step, s.
     pub setup_s: f64,
-    /// A simulated second with its sensors, their noise, filters and converters, s.
+    /// A simulated second of those measured, with its sensors, their noise, filters and converters, s.
     pub run_s_per_s: f64,
     /// (Slowest − fastest) ÷ median of that.
     pub spread: f64,
@@ -32,20 +34,17 @@ pub(super) fn measure(
     (n_repeats, repeat_s): (usize, f64),
     record: &mut Record<'_>,
 ) -> Result<Cost, BenchError> {
-    let mut setups_s = Vec::new();
+    let mut trial = Simulation::new(scene, scene.seed)?;
+    let plan = trial.plan().clone();
+    // The first part fills caches; the second tells how long the others may be.
+    let first_s = part(&mut trial, PARTS_S.0)?;
+    let second_s = part(&mut trial, PARTS_S.0)?.min(first_s).max(1e-9);
+    let seconds = (PARTS_S.0 * repeat_s / second_s).clamp(PARTS_S.0, PARTS_S.1);
+    let (mut setups_s, mut runs_s) = (Vec::new(), Vec::new());
     for _ in 0..n_repeats {
         let begun = ProcessTime::now();
-        std::hint::black_box(Simulation::new(scene, scene.seed)?);
+        let mut simulation = Simulation::new(scene, scene.seed)?;
         setups_s.push(begun.elapsed().as_secs_f64());
-    }
-    let mut simulation = Simulation::new(scene, scene.seed)?;
-    let plan = simulation.plan().clone();
-    // The first part fills caches and tells how long the others may be.
-    let first_s = part(&mut simulation, PARTS_S.0)?;
-    let second_s = part(&mut simulation, PARTS_S.0)?.min(first_s).max(1e-9);
-    let seconds = (PARTS_S.0 * repeat_s / second_s).clamp(PARTS_S.0, PARTS_S.1);
-    let mut runs_s = Vec::new();
-    for _ in 0..n_repeats {
         runs_s.push(part(&mut simulation, seconds)? / seconds);
     }
     let mut written_s = Vec::new();
@@ -60,6 +59,7 @@ pub(super) fn measure(
     let run_s_per_s = median(&mut runs_s);
     Ok(Cost {
         plan,
+        seconds,
         setup_s: median(&mut setups_s),
         run_s_per_s,
         // Sorted by now.

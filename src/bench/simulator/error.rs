@@ -3,7 +3,7 @@
 use crate::bench::BenchError;
 use crate::bench::records::{Exact, steps, worst};
 use crate::simulator::reference::scene::Setting;
-use crate::simulator::scene::{NumberKind, Scene, SceneSensor, SensorKind};
+use crate::simulator::scene::{NumberKind, Scene, SceneSensor, SensorKind, Start};
 use crate::simulator::simulation::{Samples, Simulation};
 use std::convert::Infallible;
 use std::f64::consts::FRAC_PI_2;
@@ -21,7 +21,7 @@ pub(super) struct Found {
     pub(super) step_s: f64,
 }
 
-/// Compares the first `seconds`, the start from rest included.
+/// Compares the first `seconds`, the start included.
 pub(super) fn measure(
     scene: &Scene,
     seconds: f64,
@@ -33,9 +33,11 @@ pub(super) fn measure(
     let step_s = simulation.plan().step_s();
     let found = samples(&mut simulation, seconds)?;
     let mut setting = Setting::new(&scene)?;
-    // A simulation's filter begins settled on the first value; so must this one.
-    let rest = || vec![0.0; setting.model.oscillators().omega_rad_per_s.len()];
-    setting.state = Some((rest(), rest()));
+    if scene.start == Start::Rest {
+        // A simulation's filter begins settled on the first value; so must this one.
+        let rest = || vec![0.0; setting.model.oscillators().omega_rad_per_s.len()];
+        setting.state = Some((rest(), rest()));
+    }
     let exact =
         |tolerance: f64| Exact::new(&setting, step_s, seconds, tolerance).at(step_s).sensors;
     let [exact, looser] = tolerances.map(exact);

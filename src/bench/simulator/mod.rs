@@ -1,6 +1,6 @@
 //! Speed against error of the simulator: classes of scenes at several accuracies asked for.
 //!
-//! `error` compares the whole record from rest with the reference, `cost` measures processor time.
+//! `error` compares the beginning of a record, its start included, with the reference, `cost` measures processor time.
 
 mod cost;
 mod error;
@@ -70,7 +70,7 @@ impl Effort {
 }
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 16] = [
+pub const COLUMNS: [Column; 17] = [
     Column { name: "scene", width: 24 },
     Column { name: "requested", width: 9 },
     Column { name: "step_us", width: 8 },
@@ -86,19 +86,23 @@ pub const COLUMNS: [Column; 16] = [
     Column { name: "spread", width: 0 },
     Column { name: "speed", width: 8 },
     Column { name: "hdf5_cpu_s_per_s", width: 8 },
+    Column { name: "measured_s", width: 0 },
     Column { name: "channels", width: 0 },
 ];
 
-/// The scenes, from rest: name, and what is simulated.
+/// The scenes: name, and what is simulated. All begin at rest but the linear bow, of which the free motion is
+/// the larger part of the cost.
 fn scenes(n: usize) -> Result<Vec<(&'static str, Scene)>, BenchError> {
     let absent = |name| BenchError::Absent { case: name, what: "such built-in scene" };
     let built_in = |name: &'static str| -> Result<Scene, BenchError> {
-        Ok(Scene::parse(builtin::text(name).ok_or_else(|| absent(name))?, name)?)
+        let mut scene = Scene::parse(builtin::text(name).ok_or_else(|| absent(name))?, name)?;
+        scene.start = Start::Rest;
+        Ok(scene)
     };
     let list = [
         ("set A, bearing 3", A3.noisy_scene()?),
-        ("linear bow", scenes::linear(true)?),
         ("linear unbalance", scenes::linear(false)?),
+        ("linear bow", scenes::linear(true)?),
         ("seed-bearing-40hz-3", built_in("seed-bearing-40hz-3")?),
         ("BG_BS_BB", built_in("BG_BS_BB")?),
     ];
@@ -117,7 +121,6 @@ pub fn run(
 ) -> Result<Vec<Vec<Cell>>, BenchError> {
     let mut rows = Vec::new();
     for (name, mut scene) in scenes(effort.n_scenes)? {
-        scene.start = Start::Rest;
         for accuracy in effort.accuracies {
             scene.accuracy = *accuracy;
             let row = row(name, &scene, effort, record)?;
@@ -154,6 +157,7 @@ fn row(
         Cell::Plain(cost.spread, 2),
         Cell::Plain(1.0 / cost.run_s_per_s, 1),
         Cell::Number(cost.written_s_per_s, 2),
+        Cell::Number(cost.seconds, 2),
         Cell::Plain(scene.sensors.len() as f64, 0),
     ])
 }

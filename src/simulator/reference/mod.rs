@@ -32,8 +32,9 @@ pub struct Reference {
 const SAME_TIME: f64 = 1e-12;
 
 impl Reference {
-    /// A reference from rest, or from the state given (both planes' coordinates), that can be
-    /// observed every `step_s`, with an error of at most `tolerance` of the largest state in each step.
+    /// A reference from rest, or from the state given (of both planes alone: the torsion then rests
+    /// under its torque), that can be observed every `step_s`, with an error of at most `tolerance` of
+    /// the largest state in each step.
     ///
     /// # Panics
     ///
@@ -45,8 +46,12 @@ impl Reference {
         state: Option<(Vec<f64>, Vec<f64>)>,
         tolerance: f64,
     ) -> Self {
-        let n = 2 * model.basis.len();
-        let (q, v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        let n = model.n_coordinates();
+        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        if let Some(torsion) = model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
+            q.extend(torsion.rest());
+            v.resize(q.len(), 0.0);
+        }
         assert!(q.len() == n && v.len() == n, "one entry a coordinate");
         Self {
             plan: Extrapolation::new(model.oscillators(), tolerance),
