@@ -13,6 +13,9 @@ use crate::units::Hz;
 /// A band counts as showing a line at this probability.
 const BAND_PROBABILITY: f64 = 1e-4;
 
+/// Standard deviations below a measured depth that must still matter: one side, 5 %.
+const DEVIATIONS: f64 = 1.645;
+
 /// Relative error allowed when a line is matched to another's harmonic.
 const MATCH_TOLERANCE: f64 = 5e-4;
 
@@ -122,9 +125,19 @@ impl<'a> Candidate<'a> {
         }
     }
 
+    /// Whether the line is there, and is as deep as matters even at the lower end of what the noise
+    /// beside it leaves open (C9).
     pub(super) fn is_proven(&self) -> bool {
         self.probability <= confidence::FALSE_ALARM_PROBABILITY
-            && self.depth() >= severity::WARNING_DEPTH
+            && self.least_depth() >= severity::WARNING_DEPTH
+    }
+
+    /// Lower end of the depth: noise adds to an amplitude with a standard deviation of 1/√(2·R) of it,
+    /// R its power over the noise's.
+    fn least_depth(&self) -> f64 {
+        let ratio = self.power_ratio();
+        let spread = if ratio > 0.0 { DEVIATIONS / (2.0 * ratio).sqrt() } else { 0.0 };
+        self.depth() * (1.0 - spread).max(0.0)
     }
 }
 
