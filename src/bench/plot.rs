@@ -97,7 +97,7 @@ fn decades(values: impl Iterator<Item = f64>) -> Option<Decades> {
     }
     #[expect(clippy::cast_possible_truncation, reason = "exponents of finite numbers")]
     let (first, last) = (low.floor() as i32, high.ceil() as i32);
-    (low <= high).then_some((first, last.max(first + 1)))
+    (low <= high).then(|| (first, last.max(first + 1)))
 }
 
 fn power(exponent: i32) -> String {

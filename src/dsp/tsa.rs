@@ -51,15 +51,15 @@ impl TsaPlan {
         assert_eq!(out.len(), self.points_per_rev, "points of the plan");
         out.fill(0.0);
         let starts = self.starts(x.len(), fs_hz, track);
-        for start in &starts {
-            self.add_revolution(x, fs_hz, track, *start, out);
+        for i in 0..starts.n {
+            self.add_revolution(x, fs_hz, track, starts.at(i), out);
         }
-        centre(out, starts.len());
-        starts.len()
+        centre(out, starts.n);
+        starts.n
     }
 
     /// Averages like [`TsaPlan::process`], and each of `blocks.len()` successive parts of the
-    /// revolutions by itself into `blocks`; a part without a revolution becomes 0.
+    /// revolutions by itself into `blocks` (D26); a part without a revolution becomes 0.
     ///
     /// # Panics
     ///
@@ -79,34 +79,31 @@ impl TsaPlan {
         for (i, block) in blocks.iter_mut().enumerate() {
             assert_eq!(block.len(), self.points_per_rev, "points of the plan");
             block.fill(0.0);
-            let of_block = starts.len() * i / n_blocks..starts.len() * (i + 1) / n_blocks;
-            for start in &starts[of_block.clone()] {
-                self.add_revolution(x, fs_hz, track, *start, block);
+            let of_block = starts.n * i / n_blocks..starts.n * (i + 1) / n_blocks;
+            for i in of_block.clone() {
+                self.add_revolution(x, fs_hz, track, starts.at(i), block);
             }
             for (sum, part) in out.iter_mut().zip(&*block) {
                 *sum += part;
             }
             centre(block, of_block.len());
         }
-        centre(out, starts.len());
-        starts.len()
+        centre(out, starts.n);
+        starts.n
     }
 
     /// Where the whole revolutions inside record and track begin, revolutions.
-    fn starts(&self, n_samples: usize, fs_hz: f64, track: &PhaseTrack) -> Vec<f64> {
+    fn starts(&self, n_samples: usize, fs_hz: f64, track: &PhaseTrack) -> Starts {
         let margin_s = self.interpolator.half_taps() as f64 / fs_hz;
         let end_s = (n_samples as f64 - 1.0) / fs_hz - margin_s;
         let Some((first, last)) = track.covered_revolutions(margin_s, end_s) else {
-            return Vec::new();
+            return Starts { first: 0.0, begin: 0.0, n: 0 };
         };
         // The slack lets a revolution that ends on the last pulse count in spite of rounding.
-        let mut start = (first - 1e-9).ceil();
-        let mut starts = Vec::new();
-        while start + 1.0 <= last + 1e-9 {
-            starts.push(start.max(first));
-            start += 1.0;
-        }
-        starts
+        let begin = (first - 1e-9).ceil();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 or more")]
+        let n = (last + 1e-9 - begin).floor().max(0.0) as usize;
+        Starts { first, begin, n }
     }
 
     fn add_revolution<T: Real>(
@@ -124,6 +121,20 @@ impl TsaPlan {
             debug_assert!(value.is_some(), "the margin keeps every point inside");
             *sum += value.unwrap_or(0.0);
         }
+    }
+}
+
+/// Where whole revolutions begin, revolutions.
+struct Starts {
+    /// The first covered at all; the next whole number; how many there are.
+    first: f64,
+    begin: f64,
+    n: usize,
+}
+
+impl Starts {
+    fn at(&self, i: usize) -> f64 {
+        (self.begin + i as f64).max(self.first)
     }
 }
 

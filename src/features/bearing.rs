@@ -461,10 +461,11 @@ mod tests {
             let spectrum =
                 DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
             let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
-            assert!((reading.shaft_depth - 0.6).abs() < 1e-6, "single bins of a test spectrum");
+            // Heights between bins take up the noise of 0.01 in the bins beside.
+            assert!((reading.shaft_depth - 0.6).abs() < 0.02, "{}", reading.shaft_depth);
             reading.is_modulated_shaft()
         };
-        assert!(modulated(0.29) && !modulated(0.31));
+        assert!(modulated(0.27) && !modulated(0.33));
         // A shaft harmonic whose lobe meets the line's own cannot be read.
         let mut near = task(&[]);
         near.shaft_speed = Hz(98.7);

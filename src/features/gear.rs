@@ -6,9 +6,9 @@
 
 use super::speed::Speed;
 use crate::dsp::fft::FftCache;
-use crate::dsp::gear::GearFigures;
+pub use crate::dsp::gear::GearFigures;
 use crate::dsp::gear::GearPlan;
-use crate::dsp::gear::Localisation;
+pub use crate::dsp::gear::Localisation;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::tsa::TsaPlan;

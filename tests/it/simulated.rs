@@ -141,7 +141,7 @@ fn machines_are_simulated_independently_and_named_where_there_are_several() {
         assert_eq!(daemon.post_json(PATH, &body).0, expected, "{id}");
     }
     let simulated = daemon.metric("rotorwatch_simulated_seconds{machine=\"rig-2\"}");
-    assert!(simulated.unwrap() > 10.0, "{simulated:?}");
+    assert!(simulated.unwrap() > 5.0, "a verdict takes a window of 5 s: {simulated:?}");
     let dropped = daemon.metric("rotorwatch_blocks_dropped_total{machine=\"rig-2\"}");
     assert_eq!(dropped, Some(0.0), "a simulation waits");
     let (_, system) = daemon.get_json("/api/v1/system");
@@ -257,6 +257,8 @@ fn a_motion_without_bound_fails_its_own_machine_only() {
     let text = builtin::text("GG_GS_GB").unwrap();
     assert!(text.contains(contact) && text.contains("start = \"rotating\""));
     let stiff = text.replace(contact, "contact_factor_n_per_m1_5 = 1e14\n");
+    // At constant speed the step would be shortened until it holds.
+    let stiff = stiff.replace("constant_hz = 10.0", "points = [[0.0, 10.0], [1.0, 10.0]]");
     let stiff = stiff.replace("start = \"rotating\"", "start = \"rest\"");
     fs::write(dir.path().join("stiff.toml"), stiff).unwrap();
     fs::write(dir.path().join("rig-2.toml"), machine("rig-2")).unwrap();

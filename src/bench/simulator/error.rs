@@ -1,7 +1,7 @@
-//! Error of a record as a user gets it, against the slow reference.
+//! Error of a record's motion as sensors see it, against the slow reference.
 
 use crate::bench::BenchError;
-use crate::bench::records::{Exact, steps, worst};
+use crate::bench::records::{Exact, ported, steps, worst};
 use crate::simulator::reference::scene::Setting;
 use crate::simulator::scene::{NumberKind, Scene, SceneSensor, SensorKind, Start};
 use crate::simulator::simulation::{Samples, Simulation};
@@ -30,14 +30,24 @@ pub(super) fn measure(
     let n_own = scene.sensors.iter().filter(|s| s.kind != SensorKind::Tacho).count();
     let scene = observed(scene);
     let mut simulation = Simulation::new(&scene, 0)?;
-    let step_s = simulation.plan().step_s();
-    let found = samples(&mut simulation, seconds)?;
+    let plan = simulation.plan().clone();
+    let step_s = plan.step_s();
     let mut setting = Setting::new(&scene)?;
-    if scene.start == Start::Rest {
-        // A simulation's filter begins settled on the first value; so must this one.
-        let rest = || vec![0.0; setting.model.oscillators().omega_rad_per_s.len()];
-        setting.state = Some((rest(), rest()));
-    }
+    let contacts = !plan.is_linear;
+    let contacts = contacts.then(|| ported(&setting, step_s, seconds, plan.cuts_at_contact));
+    let found = match contacts.flatten() {
+        // A simulation's own filters are in continuous time; the reference's are digital. What is
+        // compared is the motion, both through the digital ones.
+        Some(record) => record.sensors,
+        None => {
+            if scene.start == Start::Rest {
+                // A digital filter of a simulation begins settled on the first value; so must this.
+                let rest = || vec![0.0; setting.model.oscillators().omega_rad_per_s.len()];
+                setting.state = Some((rest(), rest()));
+            }
+            samples(&mut simulation, seconds)?
+        }
+    };
     let exact =
         |tolerance: f64| Exact::new(&setting, step_s, seconds, tolerance).at(step_s).sensors;
     let [exact, looser] = tolerances.map(exact);

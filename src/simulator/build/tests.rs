@@ -65,7 +65,8 @@ fn what_would_grow_or_lie_beyond_the_modes_is_refused() {
     let fast = "constant_hz = 5000.0";
     let text = changed("seed-bearing-40hz", "constant_hz = 40.0", fast).unwrap_err().to_string();
     assert!(text.contains("speed: found 5000 Hz, which excites 34"), "{text}");
-    let many = changed("seed-bearing-40hz", "count = 12", "count = 150\nelements_per_span = 1");
+    let many =
+        changed("seed-bearing-40hz", "[modes]\n", "[modes]\ncount = 150\nelements_per_span = 1\n");
     let text = many.unwrap_err().to_string();
     assert!(text.contains("modes: found 150 modes of 14 degrees of freedom"), "{text}");
 }
