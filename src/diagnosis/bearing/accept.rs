@@ -125,11 +125,16 @@ impl<'a> Candidate<'a> {
         }
     }
 
-    /// Whether the line is there, and is as deep as matters even at the lower end of what the noise
-    /// beside it leaves open (C9).
+    /// Whether the line is there and as deep as matters.
     pub(super) fn is_proven(&self) -> bool {
         self.probability <= confidence::FALSE_ALARM_PROBABILITY
-            && self.least_depth() >= severity::WARNING_DEPTH
+            && self.depth() >= severity::WARNING_DEPTH
+    }
+
+    /// Whether it is as deep as matters even at the lower end of what the noise beside it leaves open
+    /// (C9).
+    pub(super) fn is_surely_deep(&self) -> bool {
+        self.least_depth() >= severity::WARNING_DEPTH
     }
 
     /// Lower end of the depth: noise adds to an amplitude with a standard deviation of 1/√(2·R) of it,

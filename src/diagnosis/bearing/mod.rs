@@ -71,11 +71,12 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let mut proven: Vec<&Candidate<'_>> = Vec::new();
-    let mut shared = Vec::new();
+    let (mut shared, mut near_limit) = (Vec::new(), None);
     for found in accepted {
         let own = candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search));
         for candidate in own {
             match found.others(candidate.search) {
+                _ if !candidate.is_surely_deep() => near_limit = near_limit.or(Some(candidate)),
                 others if others.is_empty() => proven.push(candidate),
                 others => shared.push((candidate, others)),
             }
@@ -90,7 +91,16 @@ fn judge_one(
         }
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
-            None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+            None => match near_limit {
+                Some(candidate) => {
+                    verdict.why = format!(
+                        "{}; that is too near the limit of {:.2} to accuse",
+                        sentence(candidate, context),
+                        severity::WARNING_DEPTH
+                    );
+                }
+                None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+            },
         },
     }
     if verdict.state == State::Undetermined {
