@@ -90,7 +90,16 @@ fn judge_one(
         }
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
-            None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+            None => {
+                let readable = searches.iter().filter(|s| s.outcome.is_ok());
+                // What may be the shaft's proves nothing: neither damage nor health.
+                let doubtful: Vec<Candidate<'_>> =
+                    readable.map(|s| Candidate::weigh_all(s, accepted, looks)).collect();
+                match ambiguous(&doubtful) {
+                    Some(why) => verdict.why = why,
+                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+                }
+            }
         },
     }
     if verdict.state == State::Undetermined {
@@ -312,7 +321,7 @@ fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
     )
 }
 
-/// Healthy, or undetermined where the evidence is neither chance nor proof.
+/// Healthy: no line of effect, and none that leaves doubt ([`ambiguous`]).
 fn acquit(
     verdict: &mut ComponentDiagnosis,
     candidates: &[Candidate<'_>],
@@ -323,10 +332,6 @@ fn acquit(
     // A line in few bands tells of structure: it weighs by its part of the half that would accuse.
     let weighed = |c: &Candidate<'_>| c.depth() * (2.0 * c.part()).min(1.0);
     let strongest = candidates.iter().map(weighed).fold(0.0, f64::max);
-    if let Some(why) = ambiguous(candidates) {
-        verdict.why = why;
-        return;
-    }
     verdict.state = State::Healthy;
     verdict.severity = Some(severity::not_accused(severity::of_depth(strongest)));
     // A line of some depth in some bands leaves doubt, the more of both.
