@@ -91,6 +91,15 @@ impl<'a> Candidate<'a> {
         Self::weigh_those(search, accepted, n_looks, |r| !r.is_modulated_shaft())
     }
 
+    /// Weighs one search, those readings included that the shaft's events explain.
+    pub(super) fn weigh_all(
+        search: &'a LineSearch,
+        accepted: &[Accepted<'_>],
+        n_looks: f64,
+    ) -> Self {
+        Self::weigh_those(search, accepted, n_looks, |_| true)
+    }
+
     /// Weighs the readings of one search that are `fit` and that accepted lines do not explain.
     fn weigh_those(
         search: &'a LineSearch,
@@ -215,7 +224,7 @@ pub(super) fn heard_best<'a>(
         .filter(|s| s.line == candidate.search.line)
         .filter(|s| s.channel != candidate.search.channel || std::ptr::eq(*s, candidate.search))
         .filter(|s| !accepted.iter().any(|a| a.is_of(s.bearing, s.line)))
-        .map(|s| Candidate::weigh_those(s, accepted, n_looks(features, s.bearing), |_| true))
+        .map(|s| Candidate::weigh_all(s, accepted, n_looks(features, s.bearing)))
         .filter(Candidate::is_proven)
         .filter(|c| {
             let near = c.search.resolution.0 + MATCH_TOLERANCE * frequency.0;

@@ -91,22 +91,28 @@ fn judge_one(
         }
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
-            None => match near_limit {
-                Some(candidate) => {
-                    verdict.why = format!(
-                        "{}; that is too near the limit of {:.2} to accuse",
-                        sentence(candidate, context),
-                        severity::WARNING_DEPTH
-                    );
+            None => {
+                let readable = searches.iter().filter(|s| s.outcome.is_ok());
+                // What may be the shaft's proves nothing: neither damage nor health.
+                let doubtful: Vec<Candidate<'_>> =
+                    readable.map(|s| Candidate::weigh_all(s, accepted, looks)).collect();
+                match near_limit.map(|c| too_near(c, context)).or_else(|| ambiguous(&doubtful)) {
+                    Some(why) => verdict.why = why,
+                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
                 }
-                None => acquit(&mut verdict, &candidates, &searches, accepted, features),
-            },
+            }
         },
     }
     if verdict.state == State::Undetermined {
         verdict.why.push_str(&wide_band(bearing, context));
     }
     verdict
+}
+
+/// Why a line neither accuses nor acquits (C9).
+fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    let limit = severity::WARNING_DEPTH;
+    format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
 }
 
 /// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
@@ -322,7 +328,7 @@ fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
     )
 }
 
-/// Healthy, or undetermined where the evidence is neither chance nor proof.
+/// Healthy: no line of effect, and none that leaves doubt ([`ambiguous`]).
 fn acquit(
     verdict: &mut ComponentDiagnosis,
     candidates: &[Candidate<'_>],
@@ -333,10 +339,6 @@ fn acquit(
     // A line in few bands tells of structure: it weighs by its part of the half that would accuse.
     let weighed = |c: &Candidate<'_>| c.depth() * (2.0 * c.part()).min(1.0);
     let strongest = candidates.iter().map(weighed).fold(0.0, f64::max);
-    if let Some(why) = ambiguous(candidates) {
-        verdict.why = why;
-        return;
-    }
     verdict.state = State::Healthy;
     verdict.severity = Some(severity::not_accused(severity::of_depth(strongest)));
     // A line of some depth in some bands leaves doubt, the more of both.
