@@ -213,6 +213,24 @@ impl Model {
         2 * self.basis.len() + self.torsion.as_ref().map_or(0, Torsion::len)
     }
 
+    /// Displacements and velocities of all coordinates from those given, or at rest; of a state of both
+    /// planes alone the torsion rests under its torque.
+    ///
+    /// # Panics
+    ///
+    /// If the state does not have one entry a coordinate then.
+    #[must_use]
+    pub fn beginning(&self, state: Option<(Vec<f64>, Vec<f64>)>) -> (Vec<f64>, Vec<f64>) {
+        let n = self.n_coordinates();
+        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
+        if let Some(torsion) = self.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
+            q.extend(torsion.rest());
+            v.resize(q.len(), 0.0);
+        }
+        assert!(q.len() == n && v.len() == n, "one entry a coordinate");
+        (q, v)
+    }
+
     /// Raises every damping ratio to at least this.
     pub fn damp_at_least(&mut self, ratio: f64) {
         let turning = self.torsion.iter_mut().flat_map(|torsion| &mut torsion.damping);

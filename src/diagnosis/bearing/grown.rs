@@ -67,3 +67,25 @@ pub(super) fn strongest<'a>(
         .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
         .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))
 }
+
+/// Whether the healthy machine showed this line of the bearing in the absolute vibration too, and it
+/// has not grown since (C9).
+pub(super) fn is_as_when_healthy(
+    bearing: BearingIndex,
+    line: DefectLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let of_line = |l: &&AbsoluteLine| l.bearing == bearing && l.line == line;
+    let ratios: Vec<f64> = features
+        .absolute_lines
+        .iter()
+        .filter(of_line)
+        .filter_map(|l| {
+            let name = absolute::line_name(l.line, &context.machine.bearing(bearing).id);
+            let channel = context.channel_name(l.pair.0);
+            context.baseline.compare(channel, &name, l.amplitude).map(|compared| compared.ratio)
+        })
+        .collect();
+    !ratios.is_empty() && ratios.iter().all(|ratio| *ratio < GROWN_RATIO)
+}

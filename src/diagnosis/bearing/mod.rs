@@ -96,6 +96,9 @@ fn judge_one(
                 // What may be the shaft's proves nothing: neither damage nor health.
                 let doubtful: Vec<Candidate<'_>> =
                     readable.map(|s| Candidate::weigh_all(s, accepted, looks)).collect();
+                let near_limit = near_limit.filter(|c| {
+                    !grown::is_as_when_healthy(bearing, c.search.line, features, context)
+                });
                 match near_limit.map(|c| too_near(c, context)).or_else(|| ambiguous(&doubtful)) {
                     Some(why) => verdict.why = why,
                     None => acquit(&mut verdict, &candidates, &searches, accepted, features),

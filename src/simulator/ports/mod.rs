@@ -196,7 +196,8 @@ impl PortRun {
             is_stale: true,
         };
         run.set_grid();
-        run.begin(state);
+        let (q, v) = model.beginning(state.map(|(q, v)| (q.to_vec(), v.to_vec())));
+        run.set_state((&q, &v));
         Some(run)
     }
 
@@ -278,19 +279,6 @@ impl PortRun {
     pub fn cutting_at_contact(mut self, cuts: bool) -> Self {
         self.cuts_at_contact = cuts;
         self
-    }
-
-    /// Begins at rest, or with the state given; of a state of both planes alone the torsion rests under
-    /// its torque.
-    fn begin(&mut self, state: Option<StateRef<'_>>) {
-        let n = self.model.n_coordinates();
-        let (mut q, mut v) =
-            state.map_or((vec![0.0; n], vec![0.0; n]), |(q, v)| (q.to_vec(), v.to_vec()));
-        if let Some(torsion) = self.model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
-            q.extend(torsion.rest());
-            v.resize(q.len(), 0.0);
-        }
-        self.set_state((&q, &v));
     }
 
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {

@@ -47,12 +47,7 @@ impl Reference {
         tolerance: f64,
     ) -> Self {
         let n = model.n_coordinates();
-        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
-        if let Some(torsion) = model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
-            q.extend(torsion.rest());
-            v.resize(q.len(), 0.0);
-        }
-        assert!(q.len() == n && v.len() == n, "one entry a coordinate");
+        let (q, v) = model.beginning(state);
         Self {
             plan: Extrapolation::new(model.oscillators(), tolerance),
             model,

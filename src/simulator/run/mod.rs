@@ -64,12 +64,7 @@ impl Run {
     #[must_use]
     pub fn new(model: Model, step_s: f64, state: Option<(Vec<f64>, Vec<f64>)>) -> Self {
         let n = model.n_coordinates();
-        let (mut q, mut v) = state.unwrap_or_else(|| (vec![0.0; n], vec![0.0; n]));
-        if let Some(torsion) = model.torsion.as_ref().filter(|t| q.len() + t.len() == n) {
-            q.extend(torsion.rest());
-            v.resize(q.len(), 0.0);
-        }
-        assert!(q.len() == n && v.len() == n, "one entry a coordinate");
+        let (q, v) = model.beginning(state);
         Self {
             plan: Etdrk4::new(model.oscillators()),
             model,

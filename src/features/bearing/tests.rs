@@ -1,0 +1,122 @@
+//! Lines of a squared envelope: found, told apart, refused.
+
+use super::*;
+use crate::dsp::real::Real;
+
+const BAND: Band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
+
+/// Flat pseudo-noise of depth about 0.01 and lines of given depth at harmonics of `rate_hz`.
+fn spectrum_with(rate_hz: f64, depths: &[f32], bin_hz: f64) -> Vec<f32> {
+    let mut state = 12345_u64;
+    let mut depth: Vec<f32> = (0..20_000)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let u = ((state >> 33) as f64 + 1.0) / (1u64 << 31) as f64;
+            f32::rounded(0.01 * (-u.min(1.0).ln()).sqrt())
+        })
+        .collect();
+    for (i, d) in depths.iter().enumerate() {
+        depth[floor_index(((i + 1) as f64 * rate_hz / bin_hz).round())] = *d;
+    }
+    depth
+}
+
+fn task(known: &[KnownLine]) -> LineTask<'_> {
+    LineTask {
+        line: DefectLine::Bpfo,
+        expected: Hz(100.0),
+        band: RelativeBand::default(),
+        side_band_spacing: Hz(25.0),
+        shaft_speed: Hz(28.0),
+        known,
+        resolution: Hz(0.2),
+        floor_half_width: Hz(20.0),
+    }
+}
+
+#[test]
+fn a_slipping_line_and_its_harmonics_are_found() {
+    let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
+    assert!((reading.frequency.0 - 98.9).abs() < 0.05, "one bin of the grid");
+    assert!(
+        (reading.total_depth() - 0.38_f64.sqrt()).abs() < 0.02,
+        "noise of the empty fourth harmonic"
+    );
+    assert!(reading.harmonics[0].unwrap().power_ratio > 1000.0);
+}
+
+#[test]
+fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
+    // Shaft harmonics of depth 0.6 at 84 and 112 Hz beside a line at 98.9: half of them is 0.3.
+    let modulated = |line: f32| {
+        let mut depth = spectrum_with(28.0, &[0.6; 8], 0.05);
+        depth[1978] = line;
+        let spectrum =
+            DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+        let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
+        // A peak of one bin among noise is no Hann lobe: its interpolated height is some per cent off.
+        assert!((reading.shaft_depth / 0.6 - 1.0).abs() < 0.1, "{}", reading.shaft_depth);
+        reading.is_modulated_shaft()
+    };
+    assert!(modulated(0.25) && !modulated(0.38));
+    // A shaft harmonic whose lobe meets the line's own cannot be read.
+    let mut near = task(&[]);
+    near.shaft_speed = Hz(98.7);
+    let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let reading = read_line(&spectrum, BAND, &near, &mut Vec::new()).unwrap();
+    assert!(reading.shaft_depth < 0.4 && !reading.is_modulated_shaft());
+}
+
+#[test]
+fn the_depth_of_a_line_between_bins_is_exact_to_a_third_of_a_percent() {
+    use crate::dsp::envelope::EnvelopeSpectrumPlan;
+    use crate::dsp::fft::FftCache;
+    let n = 5000;
+    let mut plan = EnvelopeSpectrumPlan::<f32>::new(n, &mut FftCache::new());
+    let mut depth = vec![0.0; plan.n_bins()];
+    for shift in [0.0, 0.13, 0.25, 0.37, 0.5] {
+        // e² at 500 Hz with a modulation of depth 0.4 at 40 Hz + a part of the 0.1 Hz step.
+        let f = 40.0 + shift * 0.1;
+        let e2 = |i: u32| 1.0 + 0.4 * (std::f64::consts::TAU * f * f64::from(i) / 500.0).cos();
+        let e2: Vec<f32> = (0..5000).map(|i| f32::rounded(e2(i))).collect();
+        plan.process(&e2, &mut depth);
+        let near = floor_index(f / 0.05);
+        let at = if depth[near + 1] > depth[near] { near + 1 } else { near };
+        let read = peak_height(&depth, at);
+        assert!((read / 0.4 - 1.0).abs() < 3e-3, "{shift}: {read}");
+    }
+}
+
+#[test]
+fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
+    // 97.0 Hz lies 3 % below the kinematic rate: beyond slip, within slip and 2 % of geometry.
+    let depth = spectrum_with(97.0, &[0.5], 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let read = |band: RelativeBand| {
+        read_line(&spectrum, BAND, &LineTask { band, ..task(&[]) }, &mut Vec::new()).unwrap()
+    };
+    let exact = read(RelativeBand::default());
+    let wide = read(RelativeBand { low: -0.02, high: 0.02 });
+    assert!((wide.frequency.0 - 97.0).abs() < 0.05, "one bin of the grid");
+    assert!((exact.frequency.0 - 97.0).abs() > 0.5, "outside of what slip explains");
+    let cells = |reading: &BandReading| reading.harmonics[0].unwrap().n_cells;
+    // −2…+1 % of 100 Hz in 10 s are 30 steps; −3.96…+3.02 % are 70.
+    assert!((cells(&exact) - 32.0).abs() < 0.6 && (cells(&wide) - 71.8).abs() < 0.6);
+}
+
+#[test]
+fn a_known_line_is_not_read_as_a_defect() {
+    let depth = spectrum_with(100.0, &[0.5], 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let known = [KnownLine { frequency: Hz(100.0), label: "4x main".into() }];
+    let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
+    assert!(reading.harmonics[0].unwrap().depth < 0.05);
+    assert_eq!(coinciding(Hz(100.1), &known, Hz(0.2)).unwrap().label, "4x main");
+}
