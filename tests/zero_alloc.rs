@@ -25,7 +25,7 @@ use rotorwatch::dsp::line;
 use rotorwatch::dsp::order::PhaseTrack;
 use rotorwatch::dsp::real::Real;
 use rotorwatch::dsp::spectrum::AmplitudePlan;
-use rotorwatch::dsp::spectrum::WelchPlan;
+
 use rotorwatch::dsp::stats;
 use rotorwatch::dsp::stats::Moments;
 use rotorwatch::dsp::tacho::Edge;

@@ -20,6 +20,9 @@ mod sealed {
 pub trait Real:
     sealed::Sealed + FftNum + Default + PartialOrd + AddAssign + SubAssign + MulAssign
 {
+    /// Distance from 1 to the next number.
+    const EPSILON: f64;
+
     /// Rounds to the nearest representable number (the identity for f64).
     fn rounded(x: f64) -> Self;
 
@@ -31,6 +34,8 @@ pub trait Real:
 }
 
 impl Real for f32 {
+    const EPSILON: f64 = f32::EPSILON as f64;
+
     fn rounded(x: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
         let rounded = x as f32;
@@ -47,6 +52,8 @@ impl Real for f32 {
 }
 
 impl Real for f64 {
+    const EPSILON: f64 = f64::EPSILON;
+
     fn rounded(x: f64) -> Self {
         x
     }
@@ -69,6 +76,17 @@ pub(crate) fn floor_index(position: f64) -> usize {
     )]
     let index = position.floor() as usize;
     index
+}
+
+/// The integer nearest below x·2^`bits`: exact while x has no finer bits; negative and NaN give 0.
+pub(in crate::dsp) fn scaled_to_u128(x: f64, bits: i32) -> u128 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "float to int casts saturate, which is the stated behaviour"
+    )]
+    let scaled = (x * 2f64.powi(bits)) as u128;
+    scaled
 }
 
 /// Rounds a non-negative position up to an index; negative and NaN give 0, too large saturates.

@@ -1,6 +1,6 @@
-//! Amplitude spectrum and power spectral density.
+//! Amplitude spectrum.
 //!
-//! For looking and for noise levels. The height of a bin is up to 15 % below the amplitude of a line
+//! For looking. The height of a bin is up to 15 % below the amplitude of a line
 //! between two bins: an amplitude at a known frequency comes from [`crate::dsp::line`]. Must not know
 //! which lines matter.
 
@@ -48,11 +48,6 @@ impl<T: Real> HannTransform<T> {
     pub(in crate::dsp) fn process(&mut self, x: &[T]) -> (&[Complex<T>], f64) {
         let mean = self.forward.process_weighted(x, &self.window.weights, &mut self.x_hat);
         (&self.x_hat, mean)
-    }
-
-    /// Weight of bin `k` in a one-sided sum: 2, or 1 where a bin is its own mirror.
-    pub(in crate::dsp) fn sides(&self, k: usize) -> f64 {
-        if k == 0 || 2 * k == self.n_padded() { 1.0 } else { 2.0 }
     }
 }
 
@@ -126,63 +121,6 @@ impl<T: Real> AmplitudePlan<T> {
     }
 }
 
-/// One-sided power spectral density by Welch's method: Hann, 50 % overlap (D8).
-#[derive(Debug)]
-pub struct WelchPlan<T: Real> {
-    transform: HannTransform<T>,
-    power: Vec<f64>,
-}
-
-impl<T: Real> WelchPlan<T> {
-    /// Plans for segments of `n_segment` samples, each with its own mean removed.
-    ///
-    /// # Panics
-    ///
-    /// If `n_segment` is 0.
-    #[must_use]
-    pub fn new(n_segment: usize, cache: &mut FftCache<T>) -> Self {
-        let transform = HannTransform::new(n_segment, n_segment, cache);
-        let power = vec![0.0; transform.n_bins()];
-        Self { transform, power }
-    }
-
-    /// Densities written per call: ⌊n_segment/2⌋ + 1, at k·fs/n_segment.
-    #[must_use]
-    pub fn n_bins(&self) -> usize {
-        self.power.len()
-    }
-
-    /// Writes the density of `x` into `out` and returns the number of segments averaged.
-    ///
-    /// `x`: any length, unit u, at `fs_hz`; samples behind the last whole segment are not used.
-    /// `out`: u²/Hz, one-sided; its sum times fs/n_segment is the variance. With a record shorter
-    /// than a segment, 0 is returned and `out` is 0.
-    ///
-    /// # Panics
-    ///
-    /// If `out` does not have the plan's length.
-    pub fn process(&mut self, x: &[T], fs_hz: f64, out: &mut [T]) -> usize {
-        assert_eq!(out.len(), self.n_bins(), "bins of the plan");
-        let n = self.transform.n_samples();
-        let hop = (n / 2).max(1);
-        self.power.fill(0.0);
-        let mut n_averages = 0;
-        for segment in x.windows(n).step_by(hop) {
-            let (x_hat, _) = self.transform.process(segment);
-            for (power, value) in self.power.iter_mut().zip(x_hat) {
-                *power += value.norm_sqr().to_f64();
-            }
-            n_averages += 1;
-        }
-        let averages = n_averages.max(1) as f64;
-        let scale = 1.0 / (fs_hz * self.transform.window.sum_of_squares * averages);
-        for (k, (density, power)) in out.iter_mut().zip(&self.power).enumerate() {
-            *density = T::rounded(power * scale * self.transform.sides(k));
-        }
-        n_averages
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,7 +129,6 @@ mod tests {
     use crate::dsp::reference::largest_difference;
     use crate::dsp::reference::narrow;
     use crate::dsp::reference::sine;
-    use crate::dsp::stats::Moments;
 
     fn amplitudes<T: Real>(x: &[f64]) -> Vec<T> {
         let mut plan = AmplitudePlan::new(x.len(), &mut FftCache::new());
@@ -239,30 +176,5 @@ mod tests {
         for x in [vec![5.0], vec![5.0, 5.0], vec![3.0; 17], vec![0.0; 16]] {
             assert!(amplitudes::<f32>(&x).iter().all(|a| a.abs() <= 0.0));
         }
-    }
-
-    #[test]
-    fn density_integrates_to_the_variance() {
-        let x = gaussian_noise(100_000, 9);
-        let fs_hz = 1000.0;
-        let mut plan = WelchPlan::<f32>::new(1024, &mut FftCache::new());
-        let mut out = vec![0.0; plan.n_bins()];
-        let n_averages = plan.process(&narrow(&x), fs_hz, &mut out);
-        assert_eq!(n_averages, (100_000 - 1024) / 512 + 1);
-        let total: f64 = out.iter().map(|p| f64::from(*p)).sum::<f64>() * fs_hz / 1024.0;
-        let variance = Moments::of(&x).variance().unwrap();
-        // Segment means take 1/1024 away; the estimate scatters by √(2/1e5·~1.1) = 0.5 %.
-        assert!((total / variance - 1.0).abs() < 0.015, "{total} {variance}");
-        // White: a flat 2σ²/fs; an average over 100 bins × 190 averages scatters by 1 %.
-        let level = out[100..200].iter().map(|p| f64::from(*p)).sum::<f64>() / 100.0;
-        assert!((level * fs_hz / 2.0 / variance - 1.0).abs() < 0.05);
-    }
-
-    #[test]
-    fn a_record_shorter_than_a_segment_has_no_density() {
-        let mut plan = WelchPlan::<f64>::new(64, &mut FftCache::new());
-        let mut out = vec![1.0; plan.n_bins()];
-        assert_eq!(plan.process(&[1.0; 63], 100.0, &mut out), 0);
-        assert!(out.iter().all(|p| *p <= 0.0));
     }
 }
