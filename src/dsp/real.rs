@@ -31,6 +31,9 @@ pub trait Real:
 
     /// Takes the square root in this precision.
     fn square_root(self) -> Self;
+
+    /// Takes the natural logarithm in this precision.
+    fn natural_log(self) -> Self;
 }
 
 impl Real for f32 {
@@ -49,6 +52,10 @@ impl Real for f32 {
     fn square_root(self) -> Self {
         self.sqrt()
     }
+
+    fn natural_log(self) -> Self {
+        self.ln()
+    }
 }
 
 impl Real for f64 {
@@ -64,6 +71,10 @@ impl Real for f64 {
 
     fn square_root(self) -> Self {
         self.sqrt()
+    }
+
+    fn natural_log(self) -> Self {
+        self.ln()
     }
 }
 

@@ -1,0 +1,232 @@
+//! Which band an envelope should be taken of: kurtogram and infogram.
+//!
+//! The kurtogram finds the band with the most impulsive envelope, the infogram the one whose envelope
+//! is most ordered in time and in cyclic frequency; a single knock moves the first, not the second's
+//! spectral half. Must not know what makes the impulses.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use realfft::RealToComplex;
+use rustfft::num_complex::Complex;
+use rustfft::num_traits::Zero;
+
+use crate::dsp::fft;
+use crate::dsp::fft::FftCache;
+use crate::dsp::filter_bank::Band;
+use crate::dsp::filter_bank::FilterBank;
+use crate::dsp::real::Real;
+
+/// Kurtosis of the complex envelope of every band of a tree (D44; Antoni 2007).
+///
+/// The bands are cut out of the shared spectrum with straight edges, so the tree has no error of a
+/// filter's own, and every envelope is sampled at twice its band: the figures are those of the
+/// continuous envelope of the periodic record.
+#[derive(Debug)]
+pub struct KurtogramPlan<T: Real> {
+    bank: FilterBank<T>,
+}
+
+impl<T: Real> KurtogramPlan<T> {
+    /// Plans for the spectra of `n` samples: bands down to Nyquist/2^`depth`, inside the bins `usable`,
+    /// each with at least [`crate::dsp::filter_bank::MIN_BINS`] bins.
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0.
+    #[must_use]
+    pub fn new(n: usize, depth: u32, usable: Range<usize>, cache: &mut FftCache<T>) -> Self {
+        Self { bank: FilterBank::new(n, depth, usable, cache) }
+    }
+
+    /// The bands, broad ones first.
+    #[must_use]
+    pub fn bands(&self) -> &[Band] {
+        self.bank.bands()
+    }
+
+    /// Writes ⟨|z|⁴⟩/⟨|z|²⟩² − 2 of each band.
+    ///
+    /// `x_hat`: the spectrum of n samples ([`fft::ForwardPlan`]), any unit. `out`: as many values as
+    /// bands. Gaussian noise has 0 with a scatter of 2/√(bins), a sine −1, impulses at a part p of the
+    /// time about 2/p. `None` where the band holds nothing but rounding (in f32, bins 120 dB below
+    /// the mean power of a bin).
+    ///
+    /// # Panics
+    ///
+    /// If a slice does not have the plan's length.
+    pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Option<f64>]) {
+        assert_eq!(out.len(), self.bands().len(), "one value a band");
+        self.bank.for_each(x_hat, |index, _, z| out[index] = z.map(excess));
+    }
+}
+
+/// The band with the largest value; the broader of two alike.
+#[must_use]
+pub fn best_band(bands: &[Band], values: &[Option<f64>]) -> Option<(Band, f64)> {
+    let pairs = bands.iter().zip(values).filter_map(|(band, value)| Some((*band, (*value)?)));
+    pairs.fold(None, |best: Option<(Band, f64)>, pair| match best {
+        Some(best) if best.1 >= pair.1 => Some(best),
+        _ => Some(pair),
+    })
+}
+
+/// Negentropies of the squared envelope of every band and of its spectrum (D45; Antoni 2016).
+pub struct InfogramPlan<T: Real> {
+    bank: FilterBank<T>,
+    /// By length of the envelope, rising.
+    forwards: Vec<Arc<dyn RealToComplex<T>>>,
+    e2: Vec<T>,
+    spectrum: Vec<Complex<T>>,
+    scratch: Vec<Complex<T>>,
+}
+
+/// Information in a band's squared envelope, nats; 0 for a constant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Negentropy {
+    /// Of the envelope over time: impulses. Gaussian noise 1 − γ = 0.423.
+    pub time: f64,
+    /// Of the envelope's spectrum over cyclic frequency: what repeats. Gaussian noise in a band with
+    /// straight edges ½ − γ + ln 2 = 0.616.
+    pub cyclic: f64,
+}
+
+impl Negentropy {
+    /// The mean of both: impulsive and repeating.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.time + self.cyclic)
+    }
+}
+
+impl<T: Real> InfogramPlan<T> {
+    /// Plans for the spectra of `n` samples, with the bands of [`KurtogramPlan::new`].
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0.
+    #[must_use]
+    pub fn new(n: usize, depth: u32, usable: Range<usize>, cache: &mut FftCache<T>) -> Self {
+        let bank = FilterBank::new(n, depth, usable, cache);
+        let mut lengths: Vec<usize> = bank.lengths().collect();
+        lengths.sort_unstable();
+        lengths.dedup();
+        let forwards: Vec<_> = lengths.iter().map(|n| cache.real_forward(*n)).collect();
+        let n_scratch = forwards.iter().map(|plan| plan.get_scratch_len()).max().unwrap_or(0);
+        Self {
+            e2: vec![T::zero(); bank.longest()],
+            spectrum: vec![Complex::zero(); fft::n_bins(bank.longest())],
+            scratch: vec![Complex::zero(); n_scratch],
+            bank,
+            forwards,
+        }
+    }
+
+    /// The bands, broad ones first.
+    #[must_use]
+    pub fn bands(&self) -> &[Band] {
+        self.bank.bands()
+    }
+
+    /// Writes the negentropies of each band.
+    ///
+    /// `x_hat`: the spectrum of n samples ([`fft::ForwardPlan`]), any unit. `out`: as many values as
+    /// bands; `None` where the band holds nothing but rounding, or an envelope without any course.
+    ///
+    /// # Panics
+    ///
+    /// If a slice does not have the plan's length.
+    pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Option<Negentropy>]) {
+        assert_eq!(out.len(), self.bands().len(), "one value a band");
+        let Self { bank, forwards, e2, spectrum, scratch } = self;
+        bank.for_each(x_hat, |index, band, z| {
+            out[index] = z.and_then(|z| {
+                let e2 = &mut e2[..z.len()];
+                for (e2, z) in e2.iter_mut().zip(z) {
+                    *e2 = z.norm_sqr();
+                }
+                let time = negentropy(e2)?;
+                for e2 in &mut *e2 {
+                    *e2 -= T::one();
+                }
+                let at = forwards.binary_search_by_key(&z.len(), |plan| plan.len()).ok()?;
+                let spectrum = &mut spectrum[..fft::n_bins(z.len())];
+                let done = forwards[at].process_with_scratch(e2, spectrum, scratch);
+                debug_assert!(done.is_ok(), "lengths are the plan's own");
+                // e² has content below the width of its band; the rest of the bins is empty.
+                let power = &mut e2[..band.n_bins() - 1];
+                for (power, bin) in power.iter_mut().zip(&spectrum[1..]) {
+                    *power = bin.norm_sqr();
+                }
+                let least = T::EPSILON * T::EPSILON * z.len() as f64;
+                let mean = power.iter().map(|p| p.to_f64()).sum::<f64>() / power.len() as f64;
+                if mean <= least * z.len() as f64 {
+                    return None;
+                }
+                let scale = T::rounded(1.0 / mean);
+                power.iter_mut().for_each(|p| *p *= scale);
+                Some(Negentropy { time, cyclic: negentropy(power)? })
+            });
+        });
+    }
+}
+
+impl<T: Real> fmt::Debug for InfogramPlan<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("InfogramPlan").field("bank", &self.bank).finish_non_exhaustive()
+    }
+}
+
+/// Values summed in `T` before the sum goes on in f64.
+const BLOCK: usize = 256;
+
+/// Parallel accumulators.
+const LANES: usize = 8;
+
+/// ⟨|z|⁴⟩ − 2 for ⟨|z|²⟩ = 1, divided by the square of what that is after rounding.
+fn excess<T: Real>(z: &[Complex<T>]) -> f64 {
+    let (mut second, mut fourth) = (0.0, 0.0);
+    for block in z.chunks(BLOCK) {
+        let (mut lanes2, mut lanes4) = ([T::zero(); LANES], [T::zero(); LANES]);
+        let (chunks, rest) = block.as_chunks::<LANES>();
+        for chunk in chunks {
+            for lane in 0..LANES {
+                let square = chunk[lane].norm_sqr();
+                lanes2[lane] += square;
+                lanes4[lane] += square * square;
+            }
+        }
+        for (lane, z) in rest.iter().enumerate() {
+            let square = z.norm_sqr();
+            lanes2[lane] += square;
+            lanes4[lane] += square * square;
+        }
+        second += lanes2.iter().map(|v| v.to_f64()).sum::<f64>();
+        fourth += lanes4.iter().map(|v| v.to_f64()).sum::<f64>();
+    }
+    fourth * z.len() as f64 / (second * second) - 2.0
+}
+
+/// ⟨v·ln v⟩ of values v ≥ 0 of mean 1, after division by the mean they have; `None` if that is 0.
+fn negentropy<T: Real>(values: &[T]) -> Option<f64> {
+    let (mut sum, mut entropy) = (0.0, 0.0);
+    for block in values.chunks(BLOCK) {
+        let (mut block_sum, mut block_entropy) = (T::zero(), T::zero());
+        for value in block {
+            block_sum += *value;
+            // v·ln v → 0 for v → 0.
+            if *value > T::zero() {
+                block_entropy += *value * value.natural_log();
+            }
+        }
+        sum += block_sum.to_f64();
+        entropy += block_entropy.to_f64();
+    }
+    let mean = sum / values.len() as f64;
+    (mean > 0.0).then(|| entropy / sum - mean.ln())
+}
+
+#[cfg(test)]
+#[path = "kurtogram_tests.rs"]
+mod tests;
