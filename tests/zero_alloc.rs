@@ -9,29 +9,51 @@ use std::hint::black_box;
 
 use rotorwatch::dsp::absolute;
 use rotorwatch::dsp::absolute::OversampledAbsolutePlan;
+use rotorwatch::dsp::butterworth;
+use rotorwatch::dsp::butterworth::Pass;
+use rotorwatch::dsp::cepstrum;
+use rotorwatch::dsp::cepstrum::CepstrumPlan;
+use rotorwatch::dsp::cepstrum::Kind;
+use rotorwatch::dsp::cepstrum::Lifter;
+use rotorwatch::dsp::cepstrum::LifterPlan;
+use rotorwatch::dsp::cross::CrossPlan;
 use rotorwatch::dsp::cwt;
 use rotorwatch::dsp::cwt::MorletPlan;
 use rotorwatch::dsp::cwt::Part;
 use rotorwatch::dsp::cwt::ScalogramPlan;
+use rotorwatch::dsp::drs::DrsPlan;
 use rotorwatch::dsp::envelope::EnvelopeSpectrumPlan;
 use rotorwatch::dsp::envelope::SquaredEnvelopePlan;
 use rotorwatch::dsp::fft::FftCache;
 use rotorwatch::dsp::fft::ForwardPlan;
+use rotorwatch::dsp::fir;
+use rotorwatch::dsp::fir::Decimator;
+use rotorwatch::dsp::fir::FirFilter;
+use rotorwatch::dsp::fir::FirSpec;
+use rotorwatch::dsp::full_spectrum::FullSpectrumPlan;
 use rotorwatch::dsp::gear::GearPlan;
 use rotorwatch::dsp::integrate;
 use rotorwatch::dsp::integrate::Quantity;
 use rotorwatch::dsp::integrate::VelocityPlan;
+use rotorwatch::dsp::kurtogram::InfogramPlan;
+use rotorwatch::dsp::kurtogram::KurtogramPlan;
 use rotorwatch::dsp::line;
 use rotorwatch::dsp::order::PhaseTrack;
 use rotorwatch::dsp::real::Real;
+use rotorwatch::dsp::sos::SosFilter;
+use rotorwatch::dsp::sos::ZeroPhasePlan;
 use rotorwatch::dsp::spectrum::AmplitudePlan;
-
 use rotorwatch::dsp::stats;
 use rotorwatch::dsp::stats::Moments;
+use rotorwatch::dsp::synthesis::SynthesisPlan;
 use rotorwatch::dsp::tacho::Edge;
 use rotorwatch::dsp::tacho::Threshold;
 use rotorwatch::dsp::tsa::TsaPlan;
+use rotorwatch::dsp::welch::WelchPlan;
 use rotorwatch::dsp::whiten::WhitenPlan;
+use rotorwatch::dsp::window::Shape;
+use rotorwatch::dsp::zoom::ZoomGrid;
+use rotorwatch::dsp::zoom::ZoomPlan;
 use rustfft::num_complex::Complex;
 use stats_alloc::INSTRUMENTED_SYSTEM;
 use stats_alloc::Region;
@@ -93,12 +115,63 @@ fn time_domain<T: Real>(n: usize) {
     assert_no_allocation("velocity", n, || {
         let band = integrate::GENERAL_BAND_HZ;
         assert!(velocity.process(&x, FS_HZ, Quantity::Acceleration, band).is_some());
+        let displacement = velocity.process_displacement(&x, FS_HZ, Quantity::Acceleration, band);
+        assert!(displacement.is_some());
     });
     let mut scratch = Vec::with_capacity(n);
     let mut times_s = Vec::with_capacity(n);
     assert_no_allocation("tacho", n, || {
         let threshold = Threshold::of(&x, &mut scratch).unwrap();
         threshold.edges(&x, FS_HZ, Edge::Rising, &mut times_s);
+    });
+}
+
+/// Spectra of samples beyond the amplitude.
+fn spectra<T: Real>(n: usize) {
+    let x: Vec<T> = (0..n).map(|i| T::rounded((i as f64 * 0.37).sin() + 2.0)).collect();
+    let zero = Complex::new(T::default(), T::default());
+    let mut cache = FftCache::<T>::new();
+    let mut cross = CrossPlan::new(Shape::FlatTop, n / 4, n / 16, &mut cache);
+    let mut density = vec![zero; cross.n_bins()];
+    let mut coherence = vec![None; cross.n_bins()];
+    assert_no_allocation("cross", n, || {
+        cross.process(&x, &x, FS_HZ, &mut density, &mut coherence);
+    });
+    let grid = ZoomGrid { low_hz: 270.0, step_hz: 0.1, n_lines: 200 };
+    let mut zoom =
+        ZoomPlan::new(n, Shape::BlackmanHarris, FS_HZ, grid, &mut FftCache::new()).unwrap();
+    let mut lines = vec![zero; zoom.n_lines()];
+    assert_no_allocation("zoom", n, || {
+        zoom.process(&x, &mut lines);
+    });
+    let mut full = FullSpectrumPlan::new(n, Shape::Kaiser { beta: 9.0 }, &mut cache);
+    let (mut up, mut down) = (zeros::<T>(full.n_bins()), zeros::<T>(full.n_bins()));
+    assert_no_allocation("full spectrum", n, || full.process(&x, &x, &mut up, &mut down));
+    let mut drs = DrsPlan::new(n, 256, 300, &mut cache).unwrap();
+    let (mut discrete, mut random) = (zeros::<T>(n), zeros::<T>(n));
+    assert_no_allocation("drs", n, || drs.process(&x, &mut discrete, &mut random));
+}
+
+/// Filters in the time domain.
+fn filters<T: Real>(n: usize) {
+    let x: Vec<T> = (0..n).map(|i| T::rounded((i as f64 * 0.37).sin() + 2.0)).collect();
+    let mut out = zeros::<T>(n);
+    let pass = Pass::Band { low_hz: 100.0, high_hz: 1000.0 };
+    let sections = butterworth::design(pass, 4, FS_HZ).unwrap();
+    let mut filter = SosFilter::new(sections.clone());
+    assert_no_allocation("sections", n, || {
+        filter.settle(2.0);
+        filter.process(&x, &mut out);
+    });
+    let mut both_ways = ZeroPhasePlan::new(n, sections);
+    assert_no_allocation("zero phase", n, || both_ways.process(&x, &mut out));
+    let spec = FirSpec { low_hz: 100.0, high_hz: 1000.0, transition_hz: 50.0, stop_db: 80.0 };
+    let mut filter = FirFilter::new(&fir::design(&spec, FS_HZ).unwrap());
+    assert_no_allocation("fir", n, || filter.process(&x, &mut out));
+    let mut decimator = Decimator::new(5);
+    assert_no_allocation("decimator", n, || {
+        let n_out = decimator.out_len(n);
+        decimator.process(&x, &mut out[..n_out]);
     });
 }
 
@@ -111,6 +184,27 @@ fn frequency_domain<T: Real>(n: usize) {
     assert_no_allocation("forward", n, || {
         forward.process(&x, &mut x_hat);
     });
+    let mut back = SynthesisPlan::new(n);
+    let mut samples = zeros::<T>(n);
+    assert_no_allocation("synthesis", n, || back.process(&x_hat, &mut samples));
+    let mut power = CepstrumPlan::new(n, &mut cache);
+    let mut values = zeros::<T>(power.n_values());
+    assert_no_allocation("cepstrum", n, || {
+        assert!(power.process(&x_hat, Kind::Power, &mut values).is_some());
+    });
+    let comb = Lifter::WithoutComb { period_s: 0.01, half_width_s: 0.0005 };
+    let mut lifter = LifterPlan::new(n, FS_HZ, comb, &mut cache).unwrap();
+    let mut edited = x_hat.clone();
+    assert_no_allocation("lifter", n, || {
+        lifter.process(&x_hat, &mut edited);
+        cepstrum::prewhiten(&x_hat, &mut edited);
+    });
+    let mut kurtogram = KurtogramPlan::new(n, 5, 0..x_hat.len(), &mut cache);
+    let mut kurtosis = vec![None; kurtogram.bands().len()];
+    assert_no_allocation("kurtogram", n, || kurtogram.process(&x_hat, &mut kurtosis));
+    let mut infogram = InfogramPlan::new(n, 5, 0..x_hat.len(), &mut cache);
+    let mut information = vec![None; infogram.bands().len()];
+    assert_no_allocation("infogram", n, || infogram.process(&x_hat, &mut information));
     let mut whiten = WhitenPlan::new(n, 32, 3.0);
     let mut white = x_hat.clone();
     assert_no_allocation("whiten", n, || {
@@ -159,6 +253,10 @@ fn main() {
     for n in [4096, 6000, 6007] {
         time_domain::<f32>(n);
         time_domain::<f64>(n);
+        spectra::<f32>(n);
+        spectra::<f64>(n);
+        filters::<f32>(n);
+        filters::<f64>(n);
         frequency_domain::<f32>(n);
         frequency_domain::<f64>(n);
         angle_domain(n);

@@ -129,7 +129,7 @@ impl<T: Real> LifterPlan<T> {
     /// Writes the edited spectrum: |Y_k| from the cepstral values kept, the phase of X_k.
     ///
     /// `x_hat`: the spectrum of n samples ([`fft::ForwardPlan`]), unit u. `out`: as many bins, u; back
-    /// to samples by [`crate::dsp::inverse::InversePlan`]. With everything kept it is x̂ but for ε: bins
+    /// to samples by [`crate::dsp::synthesis::SynthesisPlan`]. With everything kept it is x̂ but for ε: bins
     /// far below −120 dB of the largest rise to that. Bins of 0 stay 0; bin 0 is copied, and counts with
     /// the level of bin 1, because the mean that was removed says nothing about the course there.
     ///
@@ -164,7 +164,7 @@ impl<T: Real> LifterPlan<T> {
 /// Cepstral pre-whitening X_k/|X_k| (D36): the real cepstrum set to zero, the phases kept.
 ///
 /// `x_hat`: the spectrum of n samples ([`fft::ForwardPlan`]). `out`: as many bins, dimensionless, of
-/// magnitude 1, or 0 where x̂ is 0; [`crate::dsp::inverse::InversePlan`] gives the samples, of RMS
+/// magnitude 1, or 0 where x̂ is 0; [`crate::dsp::synthesis::SynthesisPlan`] gives the samples, of RMS
 /// 1/√n. Lines of all heights become equal to the noise between them, rounding noise included: a
 /// signal without any noise becomes that. [`crate::dsp::whiten`] divides by a local level instead.
 ///

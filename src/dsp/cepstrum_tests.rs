@@ -2,13 +2,13 @@ use std::f64::consts::TAU;
 
 use super::*;
 use crate::dsp::fft::ForwardPlan;
-use crate::dsp::inverse::InversePlan;
 use crate::dsp::reference::dft;
 use crate::dsp::reference::dft_of_real;
 use crate::dsp::reference::gaussian_noise;
 use crate::dsp::reference::largest_difference;
 use crate::dsp::reference::narrow;
 use crate::dsp::stats;
+use crate::dsp::synthesis::SynthesisPlan;
 
 const FS_HZ: f64 = 1000.0;
 
@@ -172,7 +172,7 @@ fn the_comb_takes_harmonics_out_of_noise() {
     let after = liftered::<f64>(&x, comb);
     let level = (n as f64).sqrt();
     let mut samples = vec![0.0; n];
-    InversePlan::new(n).process(&after, &mut samples);
+    SynthesisPlan::new(n).process(&after, &mut samples);
     for line in (1..10).map(|h| h * 400) {
         assert!(before[line].norm() > 30.0 * level);
         // Lines spread over ± 2 of 20 samples' teeth: a fifth of the logarithm stays at least.
@@ -196,7 +196,7 @@ fn prewhitened_samples_have_equal_lines() {
         }
         white[0] = Complex::zero();
         let mut samples = vec![0.0; n];
-        InversePlan::new(n).process(&white, &mut samples);
+        SynthesisPlan::new(n).process(&white, &mut samples);
         // All bins but 0 have magnitude 1: mean square (n − 1)/n².
         let rms = stats::rms(&samples).unwrap();
         assert!((rms * rms * (n * n) as f64 / (n - 1) as f64 - 1.0).abs() < 1e-12);

@@ -4,7 +4,6 @@
 //! that only one of them hears. Must not know what the channels are.
 
 use rustfft::num_complex::Complex;
-use rustfft::num_traits::Zero;
 
 use crate::dsp::fft::FftCache;
 use crate::dsp::real::Real;
@@ -104,6 +103,8 @@ impl<T: Real> CrossPlan<T> {
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;
+
+    use rustfft::num_traits::Zero;
 
     use super::*;
     use crate::dsp::reference::dft_of_real;

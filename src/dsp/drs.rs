@@ -9,9 +9,9 @@ use rustfft::num_traits::Zero;
 use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::fft::ForwardPlan;
-use crate::dsp::inverse::InversePlan;
 use crate::dsp::real::Real;
 use crate::dsp::stats;
+use crate::dsp::synthesis::SynthesisPlan;
 use crate::dsp::welch::SegmentTransform;
 use crate::dsp::window::Shape;
 
@@ -163,11 +163,11 @@ impl<T: Real> DrsPlan<T> {
 struct Convolution<T: Real> {
     n_taps: usize,
     /// From N bins to N taps.
-    taps: InversePlan<T>,
+    taps: SynthesisPlan<T>,
     response: Vec<Complex<T>>,
     filter: Vec<Complex<T>>,
     forward: ForwardPlan<T>,
-    inverse: InversePlan<T>,
+    inverse: SynthesisPlan<T>,
     samples: Vec<T>,
     spectrum: Vec<Complex<T>>,
 }
@@ -176,11 +176,11 @@ impl<T: Real> Convolution<T> {
     fn new(n_taps: usize, cache: &mut FftCache<T>) -> Self {
         Self {
             n_taps,
-            taps: InversePlan::new(n_taps),
+            taps: SynthesisPlan::new(n_taps),
             response: vec![Complex::zero(); fft::n_bins(n_taps)],
             filter: vec![Complex::zero(); fft::n_bins(2 * n_taps)],
             forward: ForwardPlan::new(2 * n_taps, cache),
-            inverse: InversePlan::new(2 * n_taps),
+            inverse: SynthesisPlan::new(2 * n_taps),
             samples: vec![T::zero(); 2 * n_taps],
             spectrum: vec![Complex::zero(); fft::n_bins(2 * n_taps)],
         }

@@ -3,16 +3,19 @@
 //! The tree of the fast kurtogram: 1, 2, 3, 4, 6, 8, 12, … equal bands from 0 to Nyquist. Must not
 //! know what is measured in a band.
 
+use std::f64::consts::PI;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
+use pulp::Arch;
 use rustfft::Fft;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
 
 use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
+use crate::dsp::length::quick_len_at_least;
 use crate::dsp::real::Real;
 use crate::dsp::real::floor_index;
 
@@ -58,10 +61,16 @@ impl Band {
 }
 
 /// Complex envelopes of all bands of a tree (D43).
+///
+/// The envelope is sampled 2L times, L at least the bins of the band: the even ones are the inverse
+/// transform of the bins at L points, the odd ones that of the bins turned by e^(jπk/L). Two transforms
+/// of L cost less than one of 2L whose input is half zeros.
 pub(in crate::dsp) struct FilterBank<T: Real> {
     n: usize,
     bands: Vec<Band>,
     widths: Vec<Width<T>>,
+    /// Σ|X|² of the bins before each, in f64.
+    powers: Vec<f64>,
     z: Vec<Complex<T>>,
     scratch: Vec<Complex<T>>,
 }
@@ -71,6 +80,15 @@ struct Width<T: Real> {
     /// Place in the list of bands behind the last of this width.
     end: usize,
     inverse: Arc<dyn Fft<T>>,
+    /// e^(jπk/L), as many as bins of the widest band.
+    half_step: Vec<Complex<T>>,
+}
+
+/// Which samples of an envelope.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::dsp) enum Half {
+    Even,
+    Odd,
 }
 
 impl<T: Real> FilterBank<T> {
@@ -86,61 +104,119 @@ impl<T: Real> FilterBank<T> {
             let first = bands.len();
             bands.extend((0..n_of_width).filter_map(|j| band(n, n_of_width, j, &usable)));
             let Some(widest) = bands[first..].iter().map(Band::n_bins).max() else { continue };
-            // At twice the bins |z|⁴ has the mean of the continuous envelope, exactly.
-            let length = fft::fast_len_at_least(2 * widest);
-            widths.push(Width { end: bands.len(), inverse: cache.complex_inverse(length) });
+            let length = quick_len_at_least(widest);
+            let turn = |k: usize| {
+                let (sin, cos) = (PI * k as f64 / length as f64).sin_cos();
+                Complex::new(T::rounded(cos), T::rounded(sin))
+            };
+            let half_step = (0..widest).map(turn).collect();
+            let inverse = cache.complex_inverse(length);
+            widths.push(Width { end: bands.len(), inverse, half_step });
         }
         let most = |size: fn(&Width<T>) -> usize| widths.iter().map(size).max().unwrap_or(0);
         let z = vec![Complex::zero(); most(|width| width.inverse.len())];
         let scratch = vec![Complex::zero(); most(|width| width.inverse.get_inplace_scratch_len())];
-        Self { n, bands, widths, z, scratch }
+        Self { n, bands, widths, powers: vec![0.0; fft::n_bins(n) + 1], z, scratch }
     }
 
     pub(in crate::dsp) fn bands(&self) -> &[Band] {
         &self.bands
     }
 
-    /// Lengths of the envelopes, by width.
-    pub(in crate::dsp) fn lengths(&self) -> impl Iterator<Item = usize> {
+    /// Samples L of half an envelope, by width.
+    pub(in crate::dsp) fn half_lengths(&self) -> impl Iterator<Item = usize> {
         self.widths.iter().map(|width| width.inverse.len())
     }
 
-    /// Longest envelope of any band.
-    pub(in crate::dsp) fn longest(&self) -> usize {
-        self.z.len()
+    /// Sums the powers up to each bin, one after another; returns the total.
+    fn sum_powers(&mut self, x_hat: &[Complex<T>]) -> f64 {
+        let mut sum = 0.0;
+        for (to, x) in self.powers[1..].iter_mut().zip(x_hat) {
+            sum += power_of(*x);
+            *to = sum;
+        }
+        sum
     }
 
-    /// Calls `measure` with each band and its complex envelope of unit mean square, `None` where
-    /// nothing but rounding is in the band.
+    /// Calls `measure` with each band and what gives the two halves of its complex envelope, of unit
+    /// mean square; `None` where nothing but rounding is in the band.
     pub(in crate::dsp) fn for_each(
         &mut self,
         x_hat: &[Complex<T>],
-        mut measure: impl FnMut(usize, &Band, Option<&[Complex<T>]>),
+        mut measure: impl FnMut(usize, &Band, Option<Envelope<'_, T>>),
     ) {
         assert_eq!(x_hat.len(), fft::n_bins(self.n), "bins of the plan");
-        let least = T::EPSILON * T::EPSILON * ROUNDING * mean_power(x_hat);
+        let total = self.sum_powers(x_hat);
+        let least = T::EPSILON * T::EPSILON * ROUNDING * total / x_hat.len() as f64;
         let mut first = 0;
         for width in &self.widths {
-            let z = &mut self.z[..width.inverse.len()];
             for (index, band) in self.bands[..width.end].iter().enumerate().skip(first) {
                 let bins = &x_hat[band.bins()];
-                let power: f64 = bins.iter().map(|x| power(*x)).sum();
+                let mut power = self.powers[band.end_bin] - self.powers[band.start_bin];
+                if power < SURE_DIFFERENCE * total {
+                    power = bins.iter().map(|x| power_of(*x)).sum();
+                }
                 if power <= least * bins.len() as f64 || power < f64::MIN_POSITIVE {
                     measure(index, band, None);
                     continue;
                 }
+                let z = &mut self.z[..width.inverse.len()];
                 let scale = 1.0 / power.sqrt();
-                for (z, x) in z.iter_mut().zip(bins) {
-                    // In f64: the scale of tiny samples is no f32.
-                    let (re, im) = (x.re.to_f64() * scale, x.im.to_f64() * scale);
-                    *z = Complex::new(T::rounded(re), T::rounded(im));
-                }
-                z[bins.len()..].fill(Complex::zero());
-                width.inverse.process_with_scratch(z, &mut self.scratch);
-                measure(index, band, Some(z));
+                measure(
+                    index,
+                    band,
+                    Some(Envelope { bins, scale, width, z, scratch: &mut self.scratch }),
+                );
             }
             first = width.end;
         }
+    }
+}
+
+/// Part of a sum below which a difference of two parts has lost six of its sixteen digits.
+const SURE_DIFFERENCE: f64 = 1e-10;
+
+/// A band on its way to its envelope.
+pub(in crate::dsp) struct Envelope<'a, T: Real> {
+    bins: &'a [Complex<T>],
+    /// Makes the mean square 1 (Parseval).
+    scale: f64,
+    width: &'a Width<T>,
+    z: &'a mut [Complex<T>],
+    scratch: &'a mut [Complex<T>],
+}
+
+/// Scales that any spectrum survives in f32.
+const SAFE_SCALES: Range<f64> = 1e-30..1e30;
+
+impl<T: Real> Envelope<'_, T> {
+    /// Computes the even or the odd samples.
+    pub(in crate::dsp) fn half(&mut self, half: Half) -> &mut [Complex<T>] {
+        let (z, padding) = self.z.split_at_mut(self.bins.len());
+        let (bins, turns) = (self.bins, &self.width.half_step);
+        if SAFE_SCALES.contains(&self.scale) {
+            let scale = T::rounded(self.scale);
+            Arch::new().dispatch(
+                #[inline(always)]
+                || match half {
+                    Half::Even => z.iter_mut().zip(bins).for_each(|(z, x)| *z = x.scale(scale)),
+                    Half::Odd => {
+                        for ((z, x), turn) in z.iter_mut().zip(bins).zip(turns) {
+                            *z = x.scale(scale) * *turn;
+                        }
+                    }
+                },
+            );
+        } else {
+            for ((z, x), turn) in z.iter_mut().zip(bins).zip(turns) {
+                let (re, im) = (x.re.to_f64() * self.scale, x.im.to_f64() * self.scale);
+                let x = Complex::new(T::rounded(re), T::rounded(im));
+                *z = if half == Half::Odd { x * *turn } else { x };
+            }
+        }
+        padding.fill(Complex::zero());
+        self.width.inverse.process_with_scratch(self.z, self.scratch);
+        self.z
     }
 }
 
@@ -156,11 +232,8 @@ impl<T: Real> fmt::Debug for FilterBank<T> {
 /// Power of rounding in a bin over the mean power of a bin, in squares of the rounding unit.
 const ROUNDING: f64 = 64.0;
 
-fn mean_power<T: Real>(x_hat: &[Complex<T>]) -> f64 {
-    x_hat.iter().map(|x| power(*x)).sum::<f64>() / x_hat.len() as f64
-}
-
-fn power<T: Real>(x: Complex<T>) -> f64 {
+/// |X|², in f64: counts of a converter leave f32 in long records.
+fn power_of<T: Real>(x: Complex<T>) -> f64 {
     let (re, im) = (x.re.to_f64(), x.im.to_f64());
     re * re + im * im
 }

@@ -55,10 +55,10 @@ fn the_stream_is_the_convolution() {
     let exact: Vec<f64> =
         (0..x.len()).map(|i| (0..h.len().min(i + 1)).map(|m| h[m] * x[i - m]).sum()).collect();
     let mut out = vec![0.0; x.len()];
-    FirFilter::<f64>::new(&h).process(&x, &mut out);
+    FirFilter::new(&h).process(&x, &mut out);
     assert!(largest_difference(&out, &exact) < 1e-14, "the order of a sum");
     let mut single = vec![0.0_f32; x.len()];
-    FirFilter::<f32>::new(&h).process(&narrow(&x), &mut single);
+    FirFilter::new(&h).process(&narrow(&x), &mut single);
     assert!(largest_difference(&single, &exact) < 5e-7, "rounding of samples up to 4");
 }
 
@@ -78,7 +78,7 @@ fn blocks_give_the_whole_bit_by_bit() {
     }
     for factor in [1, 2, 5, 16] {
         let mut decimator = Decimator::new(factor);
-        let mut whole = vec![0.0; decimator.out_len(x.len())];
+        let mut whole = vec![0.0_f32; decimator.out_len(x.len())];
         decimator.process(&x, &mut whole);
         assert_eq!(whole.len(), x.len().div_ceil(factor));
         for block in [1, 3, 17, 1024, 3000] {
@@ -100,7 +100,7 @@ fn a_decimated_sine_keeps_amplitude_and_place() {
     for factor in [2, 3, 8, 25] {
         let n = 4000 * factor;
         let rate_hz = FS_HZ / factor as f64;
-        let mut decimator = Decimator::<f64>::new(factor);
+        let mut decimator = Decimator::new(factor);
         for relative in [0.01, 0.2, 0.39] {
             decimator.reset();
             let f_hz = relative * rate_hz;
@@ -122,7 +122,7 @@ fn a_decimated_sine_keeps_amplitude_and_place() {
 fn what_would_fold_is_gone() {
     for factor in [2, 3, 10] {
         let rate_hz = FS_HZ / factor as f64;
-        let mut decimator = Decimator::<f64>::new(factor);
+        let mut decimator = Decimator::new(factor);
         for relative in [0.5, 0.6, 1.0, 1.3] {
             let f_hz = relative * rate_hz;
             if f_hz > 0.5 * FS_HZ {
@@ -141,22 +141,22 @@ fn what_would_fold_is_gone() {
 
 #[test]
 fn constants_impulses_and_short_blocks() {
-    let mut decimator = Decimator::<f64>::new(4);
+    let mut decimator = Decimator::new(4);
     decimator.settle(1e6);
     let mut out = vec![0.0; decimator.out_len(1000)];
-    decimator.process(&[1e6; 1000], &mut out);
+    decimator.process(&[1e6_f64; 1000], &mut out);
     // Coefficients add up to 1.
     assert!(out.iter().all(|y| (y / 1e6 - 1.0).abs() < 1e-14));
-    decimator.process(&[], &mut []);
+    decimator.process::<f32>(&[], &mut []);
     assert_eq!(decimator.out_len(0), 0);
     // Shorter than the filter: outputs, all of them of the start, all finite.
-    let mut decimator = Decimator::<f32>::new(50);
-    let mut out = vec![0.0; decimator.out_len(7)];
+    let mut decimator = Decimator::new(50);
+    let mut out = vec![0.0_f32; decimator.out_len(7)];
     decimator.process(&[0.0, 0.0, 1e-45, 0.0, f32::MAX, 0.0, 0.0], &mut out);
     assert!(out.len() == 1 && out[0].is_finite());
     // An impulse comes out as the coefficients.
     let h = design(&spec(), FS_HZ).unwrap();
-    let mut filter = FirFilter::<f64>::new(&h);
+    let mut filter = FirFilter::new(&h);
     let mut impulse = vec![0.0; h.len()];
     impulse[0] = 1.0;
     let mut out = impulse.clone();
@@ -164,7 +164,7 @@ fn constants_impulses_and_short_blocks() {
     assert!(largest_difference(&out, &h) <= 0.0);
     assert!((filter.lag_samples() - (h.len() as f64 - 1.0) / 2.0).abs() < 1e-12);
     // What was long ago leaves nothing behind: no recursion.
-    let (mut zeros, quiet) = (vec![1.0; 4000], vec![0.0; 4000]);
+    let (mut zeros, quiet) = (vec![1.0_f64; 4000], vec![0.0; 4000]);
     filter.process(&quiet, &mut zeros);
     assert!(zeros[h.len()..].iter().all(|y| y.abs() <= 0.0));
 }

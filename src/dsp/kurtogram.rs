@@ -8,6 +8,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
+use pulp::Arch;
 use realfft::RealToComplex;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
@@ -16,6 +17,7 @@ use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::filter_bank::Band;
 use crate::dsp::filter_bank::FilterBank;
+use crate::dsp::filter_bank::Half;
 use crate::dsp::real::Real;
 
 /// Kurtosis of the complex envelope of every band of a tree (D44; Antoni 2007).
@@ -58,7 +60,13 @@ impl<T: Real> KurtogramPlan<T> {
     /// If a slice does not have the plan's length.
     pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Option<f64>]) {
         assert_eq!(out.len(), self.bands().len(), "one value a band");
-        self.bank.for_each(x_hat, |index, _, z| out[index] = z.map(excess));
+        self.bank.for_each(x_hat, |index, _, envelope| {
+            out[index] = envelope.map(|mut envelope| {
+                let (even, odd) =
+                    (Powers::of(envelope.half(Half::Even)), Powers::of(envelope.half(Half::Odd)));
+                even.and(odd).excess()
+            });
+        });
     }
 }
 
@@ -109,14 +117,15 @@ impl<T: Real> InfogramPlan<T> {
     #[must_use]
     pub fn new(n: usize, depth: u32, usable: Range<usize>, cache: &mut FftCache<T>) -> Self {
         let bank = FilterBank::new(n, depth, usable, cache);
-        let mut lengths: Vec<usize> = bank.lengths().collect();
+        let mut lengths: Vec<usize> = bank.half_lengths().map(|half| 2 * half).collect();
         lengths.sort_unstable();
         lengths.dedup();
+        let longest = lengths.last().copied().unwrap_or(0);
         let forwards: Vec<_> = lengths.iter().map(|n| cache.real_forward(*n)).collect();
         let n_scratch = forwards.iter().map(|plan| plan.get_scratch_len()).max().unwrap_or(0);
         Self {
-            e2: vec![T::zero(); bank.longest()],
-            spectrum: vec![Complex::zero(); fft::n_bins(bank.longest())],
+            e2: vec![T::zero(); longest],
+            spectrum: vec![Complex::zero(); fft::n_bins(longest)],
             scratch: vec![Complex::zero(); n_scratch],
             bank,
             forwards,
@@ -140,36 +149,50 @@ impl<T: Real> InfogramPlan<T> {
     pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Option<Negentropy>]) {
         assert_eq!(out.len(), self.bands().len(), "one value a band");
         let Self { bank, forwards, e2, spectrum, scratch } = self;
-        bank.for_each(x_hat, |index, band, z| {
-            out[index] = z.and_then(|z| {
-                let e2 = &mut e2[..z.len()];
-                for (e2, z) in e2.iter_mut().zip(z) {
-                    *e2 = z.norm_sqr();
+        bank.for_each(x_hat, |index, band, envelope| {
+            out[index] = envelope.and_then(|mut envelope| {
+                let mut length = 0;
+                for (first, half) in [(0, Half::Even), (1, Half::Odd)] {
+                    let z = envelope.half(half);
+                    length = 2 * z.len();
+                    for (e2, z) in e2[first..length].iter_mut().step_by(2).zip(z) {
+                        *e2 = z.norm_sqr();
+                    }
                 }
-                let time = negentropy(e2)?;
-                for e2 in &mut *e2 {
-                    *e2 -= T::one();
-                }
-                let at = forwards.binary_search_by_key(&z.len(), |plan| plan.len()).ok()?;
-                let spectrum = &mut spectrum[..fft::n_bins(z.len())];
-                let done = forwards[at].process_with_scratch(e2, spectrum, scratch);
-                debug_assert!(done.is_ok(), "lengths are the plan's own");
-                // e² has content below the width of its band; the rest of the bins is empty.
-                let power = &mut e2[..band.n_bins() - 1];
-                for (power, bin) in power.iter_mut().zip(&spectrum[1..]) {
-                    *power = bin.norm_sqr();
-                }
-                let least = T::EPSILON * T::EPSILON * z.len() as f64;
-                let mean = power.iter().map(|p| p.to_f64()).sum::<f64>() / power.len() as f64;
-                if mean <= least * z.len() as f64 {
-                    return None;
-                }
-                let scale = T::rounded(1.0 / mean);
-                power.iter_mut().for_each(|p| *p *= scale);
-                Some(Negentropy { time, cyclic: negentropy(power)? })
+                let at = forwards.binary_search_by_key(&length, |plan| plan.len()).ok()?;
+                let spectrum = &mut spectrum[..fft::n_bins(length)];
+                of_envelope(&mut e2[..length], band.n_bins(), &*forwards[at], spectrum, scratch)
             });
         });
     }
+}
+
+/// Both negentropies of a squared envelope of mean 1, of a band of `n_bins`; overwrites it.
+fn of_envelope<T: Real>(
+    e2: &mut [T],
+    n_bins: usize,
+    forward: &dyn RealToComplex<T>,
+    spectrum: &mut [Complex<T>],
+    scratch: &mut [Complex<T>],
+) -> Option<Negentropy> {
+    let time = negentropy(e2)?;
+    e2.iter_mut().for_each(|e2| *e2 -= T::one());
+    let done = forward.process_with_scratch(e2, spectrum, scratch);
+    debug_assert!(done.is_ok(), "lengths are the plan's own");
+    // What rounding of the envelope alone would leave in a bin.
+    let least = (T::EPSILON * e2.len() as f64).powi(2);
+    // e² has content below the width of its band; the rest of the bins is empty.
+    let power = &mut e2[..n_bins - 1];
+    for (power, bin) in power.iter_mut().zip(&spectrum[1..]) {
+        *power = bin.norm_sqr();
+    }
+    let mean = power.iter().map(|p| p.to_f64()).sum::<f64>() / power.len() as f64;
+    if mean <= least {
+        return None;
+    }
+    let scale = T::rounded(1.0 / mean);
+    power.iter_mut().for_each(|p| *p *= scale);
+    Some(Negentropy { time, cyclic: negentropy(power)? })
 }
 
 impl<T: Real> fmt::Debug for InfogramPlan<T> {
@@ -184,28 +207,54 @@ const BLOCK: usize = 256;
 /// Parallel accumulators.
 const LANES: usize = 8;
 
-/// ⟨|z|⁴⟩ − 2 for ⟨|z|²⟩ = 1, divided by the square of what that is after rounding.
-fn excess<T: Real>(z: &[Complex<T>]) -> f64 {
-    let (mut second, mut fourth) = (0.0, 0.0);
-    for block in z.chunks(BLOCK) {
-        let (mut lanes2, mut lanes4) = ([T::zero(); LANES], [T::zero(); LANES]);
-        let (chunks, rest) = block.as_chunks::<LANES>();
-        for chunk in chunks {
-            for lane in 0..LANES {
-                let square = chunk[lane].norm_sqr();
-                lanes2[lane] += square;
-                lanes4[lane] += square * square;
-            }
-        }
-        for (lane, z) in rest.iter().enumerate() {
-            let square = z.norm_sqr();
-            lanes2[lane] += square;
-            lanes4[lane] += square * square;
-        }
-        second += lanes2.iter().map(|v| v.to_f64()).sum::<f64>();
-        fourth += lanes4.iter().map(|v| v.to_f64()).sum::<f64>();
+/// Σ|z|² and Σ|z|⁴ of some samples.
+struct Powers {
+    n: usize,
+    second: f64,
+    fourth: f64,
+}
+
+impl Powers {
+    fn of<T: Real>(z: &[Complex<T>]) -> Self {
+        let (mut second, mut fourth) = (0.0, 0.0);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for block in z.chunks(BLOCK) {
+                    let (mut lanes2, mut lanes4) = ([T::zero(); LANES], [T::zero(); LANES]);
+                    let (chunks, rest) = block.as_chunks::<LANES>();
+                    for chunk in chunks {
+                        for lane in 0..LANES {
+                            let square = chunk[lane].norm_sqr();
+                            lanes2[lane] += square;
+                            lanes4[lane] += square * square;
+                        }
+                    }
+                    for (lane, z) in rest.iter().enumerate() {
+                        let square = z.norm_sqr();
+                        lanes2[lane] += square;
+                        lanes4[lane] += square * square;
+                    }
+                    second += lanes2.iter().map(|v| v.to_f64()).sum::<f64>();
+                    fourth += lanes4.iter().map(|v| v.to_f64()).sum::<f64>();
+                }
+            },
+        );
+        Self { n: z.len(), second, fourth }
     }
-    fourth * z.len() as f64 / (second * second) - 2.0
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            n: self.n + other.n,
+            second: self.second + other.second,
+            fourth: self.fourth + other.fourth,
+        }
+    }
+
+    /// ⟨|z|⁴⟩/⟨|z|²⟩² − 2.
+    fn excess(&self) -> f64 {
+        self.fourth * self.n as f64 / (self.second * self.second) - 2.0
+    }
 }
 
 /// ⟨v·ln v⟩ of values v ≥ 0 of mean 1, after division by the mean they have; `None` if that is 0.

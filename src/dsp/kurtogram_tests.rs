@@ -2,6 +2,7 @@ use std::f64::consts::TAU;
 
 use super::*;
 use crate::dsp::fft::ForwardPlan;
+use crate::dsp::length::quick_len_at_least;
 use crate::dsp::reference::dft_of_real;
 use crate::dsp::reference::gaussian_noise;
 use crate::dsp::reference::narrow;
@@ -75,7 +76,7 @@ fn values_are_those_of_the_continuous_envelope() {
             assert!((wide[i].unwrap() - exact).abs() < 1e-11, "{band:?}");
             assert!((single[i].unwrap() - exact).abs() < 1e-4, "{band:?}");
             // The negentropy depends on the times, so at those of the plan.
-            let e2 = slow_envelope(&x, band, fft::fast_len_at_least(2 * longest(&bands, band)));
+            let e2 = slow_envelope(&x, band, 2 * quick_len_at_least(longest(&bands, band)));
             let time = e2.iter().map(|v| v * v.ln()).sum::<f64>() / e2.len() as f64;
             let cyclic: Vec<f64> =
                 dft_of_real(&e2)[1..band.n_bins()].iter().map(|c| c.norm_sqr()).collect();

@@ -48,6 +48,9 @@ pub fn response(sections: &[Section], f_hz: f64, fs_hz: f64) -> Complex<f64> {
 /// hundred times slower, and may stay there.
 const NOTHING: f64 = 1e-150;
 
+/// Samples after which that is looked for; counted through, so that blocks do not matter.
+const LOOK_EVERY: u32 = 64;
+
 /// A cascade with its state: blocks of any lengths give what the whole would, bit by bit (D37).
 ///
 /// Transposed direct form II. Rounding does not add up: an error of ε in a state has died after
@@ -57,6 +60,7 @@ const NOTHING: f64 = 1e-150;
 pub struct SosFilter {
     sections: Vec<Section>,
     states: Vec<[f64; 2]>,
+    n_since_look: u32,
 }
 
 impl SosFilter {
@@ -64,7 +68,7 @@ impl SosFilter {
     #[must_use]
     pub fn new(sections: Vec<Section>) -> Self {
         let states = vec![[0.0; 2]; sections.len()];
-        Self { sections, states }
+        Self { sections, states, n_since_look: 0 }
     }
 
     /// The sections, in the order of processing.
@@ -76,6 +80,7 @@ impl SosFilter {
     /// Forgets everything: at rest.
     pub fn reset(&mut self) {
         self.states.fill([0.0; 2]);
+        self.n_since_look = 0;
     }
 
     /// Puts the filter where an endless constant `value` would have brought it, so that a first sample
@@ -87,6 +92,7 @@ impl SosFilter {
             *state = [y - section.b[0] * x, section.b[2] * x - section.a[1] * y];
             x = y;
         }
+        self.n_since_look = 0;
     }
 
     /// Filters `x` into `out`, behind what came before.
@@ -108,11 +114,23 @@ impl SosFilter {
         for (section, state) in self.sections.iter().zip(&mut self.states) {
             let ([b0, b1, b2], [a1, a2]) = (section.b, section.a);
             let y = b0 * x + state[0];
-            let next = [b1 * x - a1 * y + state[1], b2 * x - a2 * y];
-            *state = next.map(|s| if s.abs() < NOTHING { 0.0 } else { s });
+            *state = [b1 * x - a1 * y + state[1], b2 * x - a2 * y];
             x = y;
         }
+        self.n_since_look += 1;
+        if self.n_since_look == LOOK_EVERY {
+            self.n_since_look = 0;
+            self.drop_nothing();
+        }
         x
+    }
+
+    fn drop_nothing(&mut self) {
+        for value in self.states.as_flattened_mut() {
+            if value.abs() < NOTHING {
+                *value = 0.0;
+            }
+        }
     }
 }
 

@@ -14,13 +14,13 @@ use crate::dsp::fft;
 use crate::dsp::real::Real;
 
 /// Inverse of [`fft::ForwardPlan`]: x[i] = (1/n)·Σ X_k·e^(j2πki/n) over all n bins (D31).
-pub struct InversePlan<T: Real> {
+pub struct SynthesisPlan<T: Real> {
     plan: Arc<dyn ComplexToReal<T>>,
     spectrum: Vec<Complex<T>>,
     scratch: Vec<Complex<T>>,
 }
 
-impl<T: Real> InversePlan<T> {
+impl<T: Real> SynthesisPlan<T> {
     /// Plans for `n` samples.
     ///
     /// # Panics
@@ -64,9 +64,9 @@ impl<T: Real> InversePlan<T> {
     }
 }
 
-impl<T: Real> fmt::Debug for InversePlan<T> {
+impl<T: Real> fmt::Debug for SynthesisPlan<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("InversePlan").field("n", &self.n_samples()).finish_non_exhaustive()
+        f.debug_struct("SynthesisPlan").field("n", &self.n_samples()).finish_non_exhaustive()
     }
 }
 
@@ -86,12 +86,12 @@ mod tests {
             let mut x_hat = vec![Complex::zero(); forward.n_bins()];
             let mean = forward.process(&x, &mut x_hat);
             let mut back = vec![0.0; n];
-            InversePlan::new(n).process(&x_hat, &mut back);
+            SynthesisPlan::new(n).process(&x_hat, &mut back);
             let mut single = vec![0.0_f32; n];
             let mut forward = ForwardPlan::<f32>::new(n, &mut FftCache::new());
             let mut x_hat = vec![Complex::zero(); forward.n_bins()];
             forward.process(&narrow(&x), &mut x_hat);
-            InversePlan::new(n).process(&x_hat, &mut single);
+            SynthesisPlan::new(n).process(&x_hat, &mut single);
             for ((x, back), single) in x.iter().zip(&back).zip(&single) {
                 // Rounding of two transforms of values up to 4.
                 assert!(
@@ -105,7 +105,7 @@ mod tests {
     fn imaginary_parts_of_mirrors_do_not_count() {
         let mut out = [0.0_f64; 4];
         let bins = [(0.0, 5.0), (0.0, -2.0), (4.0, 3.0)].map(|(re, im)| Complex::new(re, im));
-        InversePlan::new(4).process(&bins, &mut out);
+        SynthesisPlan::new(4).process(&bins, &mut out);
         // sin(2πi/4) and cos(πi).
         for (value, exact) in out.iter().zip([1.0, 0.0, 1.0, -2.0]) {
             assert!((value - exact).abs() < 1e-15, "{out:?}");
