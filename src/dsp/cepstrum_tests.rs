@@ -74,7 +74,7 @@ fn an_echo_has_its_closed_form() {
     for q in 1..400 {
         let m = q / d;
         let sign = if m % 2 == 1 { 1.0 } else { -1.0 };
-        let exact = if q % d == 0 { sign * a.powi(m as i32) / m as f64 } else { 0.0 };
+        let exact = if q % d == 0 { sign * a.powf(m as f64) / m as f64 } else { 0.0 };
         let found = echo[q] - plain[q];
         assert!((found - exact).abs() < 2.0 * missing, "{q}: {found} {exact}");
     }

@@ -131,9 +131,9 @@ fn gears_and_bearing_part() {
     for slip in gaussian_noise(1200, 5) {
         at += 100.0 * (1.0 + 0.02 * slip);
         let start = crate::dsp::real::floor_index(at);
-        for i in start..n.min(start + 60) {
-            let t = (i - start) as f64 / FS_HZ;
-            bearing[i] += 2.0 * (-1500.0 * t).exp() * (TAU * 3100.0 * t).sin();
+        for (i, x) in bearing.iter_mut().skip(start).take(60).enumerate() {
+            let t = i as f64 / FS_HZ;
+            *x += 2.0 * (-1500.0 * t).exp() * (TAU * 3100.0 * t).sin();
         }
     }
     let x = sum(&[

@@ -52,9 +52,9 @@ fn slow_envelope(x: &[f64], band: &Band, n_times: usize) -> Vec<f64> {
 fn ringing(n: usize, period: usize, f_hz: f64, height: impl Fn(usize) -> f64) -> Vec<f64> {
     let mut x = vec![0.0; n];
     for (count, start) in (0..n).step_by(period).enumerate() {
-        for i in start..n.min(start + 200) {
-            let t = (i - start) as f64 / FS_HZ;
-            x[i] += height(count) * (-800.0 * t).exp() * (TAU * f_hz * t).sin();
+        for (i, x) in x[start..].iter_mut().take(200).enumerate() {
+            let t = i as f64 / FS_HZ;
+            *x += height(count) * (-800.0 * t).exp() * (TAU * f_hz * t).sin();
         }
     }
     x

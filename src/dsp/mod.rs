@@ -17,24 +17,24 @@ pub mod real;
 pub mod stats;
 pub mod window;
 pub mod fft;
+mod length;
 pub mod spectrum;
 pub mod welch;
 pub mod cross;
 pub mod zoom;
-pub mod full_spectrum;
 pub mod synthesis;
 pub mod cepstrum;
+pub mod line;
+pub mod full_spectrum;
+pub mod absolute;
 pub mod sos;
 pub mod butterworth;
 pub mod fir;
-mod length;
 pub mod filter_bank;
 pub mod kurtogram;
-pub mod drs;
-pub mod line;
-pub mod absolute;
 pub mod envelope;
 pub mod whiten;
+pub mod drs;
 pub mod integrate;
 pub mod cwt;
 pub mod tacho;
@@ -43,5 +43,7 @@ pub mod interpolate;
 pub mod tsa;
 pub mod gear;
 
+#[cfg(test)]
+mod hard_cases;
 #[cfg(test)]
 mod reference;

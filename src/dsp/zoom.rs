@@ -150,7 +150,7 @@ impl ZoomPlan {
         padding.fill(Complex::zero());
         self.forward.process_with_scratch(&mut self.work, &mut self.scratch);
         for (work, filter) in self.work.iter_mut().zip(&self.filter) {
-            *work = *work * *filter;
+            *work *= *filter;
         }
         self.inverse.process_with_scratch(&mut self.work, &mut self.scratch);
         for ((out, work), untwist) in out.iter_mut().zip(&self.work).zip(&self.untwist) {
