@@ -13,7 +13,7 @@ use rustfft::num_traits::Zero;
 use crate::dsp::fft;
 use crate::dsp::real::Real;
 
-/// Inverse of [`fft::ForwardPlan`]: x[i] = (1/n)·Σ X_k·e^(j2πki/n) over all n bins (D31).
+/// Inverse of [`fft::ForwardPlan`] (D31): Σ X_k·e^(j2πki/n)/n over all n bins, the upper half mirrored.
 pub struct SynthesisPlan<T: Real> {
     plan: Arc<dyn ComplexToReal<T>>,
     spectrum: Vec<Complex<T>>,
