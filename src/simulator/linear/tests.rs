@@ -29,13 +29,13 @@ fn closed_form(zeta: f64, e: f64, bow: f64, beta: f64, r: f64) -> (f64, f64) {
 fn amplitude(r: f64, bow: f64, beta: f64) -> (f64, f64) {
     let speed_hz = 100.0 * r / TAU;
     let mut model = jeffcott(0.05, speed_hz);
-    model.unbalance.add(&[1.0], 0.0);
-    model.bow.add(&[bow * 1e4], beta);
+    model.shafts[0].unbalance.add(&[1.0], 0.0);
+    model.shafts[0].bow.add(&[bow * 1e4], beta);
     let run =
         LinearRun::new(&model, speed_hz, &[watch(0.0), watch(0.25 * TAU)], 1e4, None).unwrap();
     // The phasor of x is conjugate to the complex displacement turned with the shaft.
-    let (re, im) = run.seen[0].phasor;
-    let (y_re, y_im) = run.seen[1].phasor;
+    let phasor = |seen: &Seen| (seen.still[1], -seen.still[2]);
+    let ((re, im), (y_re, y_im)) = (phasor(&run.seen[0]), phasor(&run.seen[1]));
     assert!((y_re - im).abs() < 1e-9 && (y_im + re).abs() < 1e-9, "y lags x by a quarter");
     (re, im)
 }

@@ -3,6 +3,7 @@
 use super::lanes;
 use super::loads::{Look, Moment};
 use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
+use crate::simulator::linear::Still;
 use crate::simulator::mesh::Crossing;
 use pulp::{Simd, WithSimd};
 
@@ -313,7 +314,7 @@ impl PortRun {
 
 /// Free and steady motion together.
 #[inline(always)]
-fn sum(free: &[f64], now: &Moment, still: &[[f64; 3]], out: &mut [f64]) {
+fn sum(free: &[f64], now: &Moment, still: &[Still], out: &mut [f64]) {
     for ((out, free), still) in out.iter_mut().zip(free).zip(still) {
         *out = free + now.of(still);
     }

@@ -21,7 +21,7 @@ mod watched;
 #[cfg(test)]
 mod tests;
 
-use super::linear::{LinearSystem, Steady};
+use super::linear::{LinearSystem, Steady, Still};
 use super::mesh::Mesh;
 use super::model::Model;
 use super::run::Watch;
@@ -68,8 +68,8 @@ pub struct PortRun {
     steady: Steady,
     ported: Ported,
     loads: Loads,
-    /// Steady part of what is read: constant, cos and sin part.
-    still: Vec<[f64; 3]>,
+    /// Steady part of what is read.
+    still: Vec<Still>,
     watched: Watched,
     grid: StepMap,
     odd: StepMap,
@@ -246,7 +246,7 @@ impl PortRun {
         let n_motion = self.spectrum.values.len();
         let mut numbers = lanes::numbers(&self.list, n_motion);
         let empty = vec![Complex::new(0.0, 0.0); self.watched.n_poles()];
-        let own = self.watched.states(&empty, &numbers, self.turn(), -1.0);
+        let own = self.watched.states(&empty, &numbers, &self.turn(), -1.0);
         numbers.extend(own);
         self.list = lanes::list(&numbers);
         self
@@ -263,9 +263,11 @@ impl PortRun {
         self.work.seen = vec![[0.0; WIDTH]; sensed.len().div_ceil(WIDTH)];
     }
 
-    /// e^{iφ} at the next step's beginning.
-    fn turn(&self) -> Complex<f64> {
-        Complex::from_polar(1.0, self.shaft_rad(self.time_s()))
+    /// e^{iφ} of every shaft at the next step's beginning.
+    fn turn(&self) -> Vec<Complex<f64>> {
+        let first_rad = self.shaft_rad(self.time_s());
+        let angles = self.model.shafts.iter().map(|shaft| shaft.turns * first_rad);
+        angles.map(|angle| Complex::from_polar(1.0, angle)).collect()
     }
 
     /// Number of watches.
@@ -314,7 +316,7 @@ impl PortRun {
         let n_motion = self.spectrum.values.len();
         let all = lanes::numbers(&self.list, n_motion + self.watched.n_poles());
         let (motion, own) = all.split_at(n_motion);
-        let in_filters = self.watched.states(own, motion, self.turn(), 1.0);
+        let in_filters = self.watched.states(own, motion, &self.turn(), 1.0);
         self.loads.exchange(model);
         self.steady = steady;
         self.model = model.clone();
@@ -323,7 +325,7 @@ impl PortRun {
         self.still = ports.outputs.iter().map(|row| self.steady.seen_by(row)).collect();
         self.set_state((&q, &v));
         let mut numbers = lanes::numbers(&self.list, n_motion);
-        numbers.extend(self.watched.states(&in_filters, &numbers, self.turn(), -1.0));
+        numbers.extend(self.watched.states(&in_filters, &numbers, &self.turn(), -1.0));
         self.list = lanes::list(&numbers);
         true
     }

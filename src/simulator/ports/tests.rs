@@ -270,7 +270,7 @@ fn built(name: &str) -> Model {
 #[test]
 fn meshes_go_the_same_way_together_and_parting() {
     // 20 ms from rest: the load sets in at once, the teeth part and meet.
-    for name in ["BG_GS_GB", "BG_BS_BB"] {
+    for name in ["BG_GS_GB", "BG_BS_BB", "reducer-10hz"] {
         let model = built(name);
         let found = fast(port_run(&model, 2.5e-6), 8000, 4);
         let expected = slow(&model, 2.5e-6, 8000, 4);

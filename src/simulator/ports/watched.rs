@@ -10,7 +10,7 @@ use super::filter::LowPass;
 use super::lanes::Rows;
 use super::linearise::Ports;
 use super::spectrum::Spectrum;
-use crate::simulator::linear::{LinearSystem, Seen, Steady};
+use crate::simulator::linear::{LinearSystem, Seen, Steady, Still};
 use nalgebra::Complex;
 
 /// What is watched.
@@ -19,8 +19,8 @@ pub(super) struct Watched {
     pub(super) rows: Rows,
     /// Effect at once of the force at each port, [watch·n_in + port].
     pub(super) direct: Vec<f64>,
-    /// Steady part: constant, cos and sin part.
-    pub(super) still: Vec<[f64; 3]>,
+    /// Steady part.
+    pub(super) still: Vec<Still>,
     /// The filters' coordinates, which follow those of the motion.
     poles: Vec<Pole>,
 }
@@ -32,8 +32,9 @@ struct Pole {
     /// What the coordinates s of the motion make of it: Σ of·s + of_conjugate·s̄.
     of: Vec<Complex<f64>>,
     of_conjugate: Vec<Complex<f64>>,
-    /// What the steady motion makes of it: constant, and what turns with and against the shaft.
-    still: [Complex<f64>; 3],
+    /// What the steady motion makes of it: constant, and what turns with and against each shaft.
+    constant: Complex<f64>,
+    turning: Vec<[Complex<f64>; 2]>,
     /// What a unit force at each port does.
     inputs: Vec<Complex<f64>>,
 }
@@ -49,37 +50,47 @@ impl Watched {
         let (mut all, mut poles) = (Vec::new(), Vec::new());
         let (mut direct, mut still) = (Vec::new(), Vec::new());
         for Sensed { watch, corner_hz } in sensed {
-            let Seen { row, constant, phasor } = Seen::by(system, steady, watch);
+            let Seen { row, still: seen } = Seen::by(system, steady, watch);
             let weights = spectrum.output(&row);
             let at_once: Vec<f64> =
                 ports.rows.iter().map(|row| system.direct(watch, row)).collect();
-            let phasor = Complex::new(phasor.0, phasor.1);
             let Some(filter) = corner_hz.map(LowPass::butterworth) else {
                 all.push(weights);
                 direct.extend(at_once);
-                still.push([constant, phasor.re, -phasor.im]);
+                still.push(seen);
                 continue;
             };
-            let speed = Complex::new(0.0, system.speed_rad_per_s());
-            let passed = phasor * filter.response(speed);
+            // Phasor and i·speed of every shaft.
+            let turning = seen[1..].chunks_exact(2).zip(steady.speeds_rad_per_s(system));
+            let turning: Vec<_> = turning
+                .map(|(part, speed)| (Complex::new(part[0], -part[1]), Complex::new(0.0, speed)))
+                .collect();
+            let mut passed = seen;
+            for (part, (phasor, speed)) in passed[1..].chunks_exact_mut(2).zip(&turning) {
+                let passed = phasor * filter.response(*speed);
+                part.copy_from_slice(&[passed.re, -passed.im]);
+            }
             let through =
                 weights.iter().zip(&spectrum.values).map(|(c, l)| c * filter.response(*l));
             let mut row: Vec<Complex<f64>> = through.collect();
             row.resize(n_motion + poles.len(), Complex::new(0.0, 0.0));
             for (rate, residue) in filter.halves() {
                 row.push(residue * 2.0);
-                let turning = [speed, -speed].map(|at| (at - rate).inv() * 0.5);
-                let still = [-constant / rate, phasor * turning[0], phasor.conj() * turning[1]];
+                let of_shaft = |(phasor, speed): &(Complex<f64>, Complex<f64>)| {
+                    [(*phasor, *speed), (phasor.conj(), -*speed)]
+                        .map(|(part, at)| part * (at - rate).inv() * 0.5)
+                };
+                let turning = turning.iter().map(of_shaft).collect();
                 poles.push(Pole::new(
                     rate,
-                    still,
+                    (-seen[0] / rate, turning),
                     (&weights, &spectrum.values),
                     (&at_once, &inputs),
                 ));
             }
             all.push(row);
             direct.extend(ports.rows.iter().map(|_| 0.0));
-            still.push([constant, passed.re, -passed.im]);
+            still.push(passed);
         }
         let len = super::lanes::list_len(n_motion + poles.len());
         let mut rows = Rows::zero(sensed.len(), len);
@@ -99,19 +110,24 @@ impl Watched {
         self.poles.iter().map(move |pole| pole.inputs[port])
     }
 
-    /// States of the filters by their coordinates, or back: `sign` 1 or −1. `turn` is e^{iφ}.
+    /// States of the filters by their coordinates, or back: `sign` 1 or −1. `turn` is e^{iφ} of every shaft.
     pub(super) fn states(
         &self,
         coordinates: &[Complex<f64>],
         motion: &[Complex<f64>],
-        turn: Complex<f64>,
+        turn: &[Complex<f64>],
         sign: f64,
     ) -> Vec<Complex<f64>> {
         let state = |(pole, own): (&Pole, &Complex<f64>)| {
             let pairs = motion.iter().zip(pole.of.iter().zip(&pole.of_conjugate));
             let driven: Complex<f64> = pairs.map(|(s, (a, b))| a * s + b * s.conj()).sum();
-            let [constant, with, against] = pole.still;
-            own + (driven + constant + with * turn + against * turn.conj()) * sign
+            let turning: Complex<f64> = pole
+                .turning
+                .iter()
+                .zip(turn)
+                .map(|([with, against], turn)| with * turn + against * turn.conj())
+                .sum();
+            own + (driven + pole.constant + turning) * sign
         };
         self.poles.iter().zip(coordinates).map(state).collect()
     }
@@ -125,7 +141,7 @@ impl Watched {
 impl Pole {
     fn new(
         rate: Complex<f64>,
-        still: [Complex<f64>; 3],
+        (constant, turning): (Complex<f64>, Vec<[Complex<f64>; 2]>),
         (weights, values): (&[Complex<f64>], &[Complex<f64>]),
         (at_once, inputs): (&[f64], &[Vec<Complex<f64>>]),
     ) -> Self {
@@ -139,6 +155,6 @@ impl Pole {
         };
         let inputs =
             at_once.iter().zip(inputs).map(|(direct, input)| *direct - driven(input)).collect();
-        Self { rate, of, of_conjugate, still, inputs }
+        Self { rate, of, of_conjugate, constant, turning, inputs }
     }
 }

@@ -118,7 +118,7 @@ impl Simulation {
             .filter(watching)
             .map(|sensor| Sensed {
                 watch: Watch {
-                    row: model.basis.row(plane.displacement_at(sensor.at_m)),
+                    row: model.basis.row(plane.displacement_at(sensor.place)),
                     axis_rad: sensor.axis_rad,
                     quantity: match sensor.kind {
                         SensorKind::Accelerometer => Quantity::Acceleration,
@@ -344,12 +344,12 @@ impl Channel {
 
     /// The tacho's samples of `n` of the fastest channel from number `start` on.
     fn mark(&mut self, (start, n): (u64, u64), rate_hz: f64, scene: &Scene) {
-        let every = self.every;
+        let (every, turns) = (self.every, scene.turns(self.sensor.place.shaft));
         for i in (start..start + n).filter(|i| i.is_multiple_of(every)) {
             let turning = scene.speed.at(i as f64 / rate_hz);
-            let a_sample = turning.speed_rad_per_s.abs() / self.sensor.rate_hz;
+            let a_sample = (turns * turning.speed_rad_per_s).abs() / self.sensor.rate_hz;
             let rise = (MARK_RISE.0 * TAU).max(MARK_RISE.1 * a_sample);
-            self.sample(MARK_V * tacho_mark(turning.angle_rad, MARK_DUTY, rise));
+            self.sample(MARK_V * tacho_mark(turns * turning.angle_rad, MARK_DUTY, rise));
         }
     }
 
