@@ -1,6 +1,6 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
-use super::lanes;
+use super::lanes::{Block, push};
 use super::loads::{Look, Moment};
 use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
 use crate::simulator::mesh::Crossing;
@@ -106,23 +106,22 @@ impl PortRun {
     /// added since the last time.
     #[inline(always)]
     fn anchor<S: Simd>(&mut self, simd: S, at_s: f64) -> Moment {
+        self.watched.forget_what_died(&mut self.list);
         let now = Moment::at(self.shaft_rad(at_s), &self.loads);
         self.ported.read(simd, &self.list, &mut self.work.free);
         let free = self.work.free.as_flattened();
-        for ((read, free), still) in self.work.now.iter_mut().zip(free).zip(&self.still) {
-            *read = free + now.of(still);
-        }
+        self.still.plus(simd, now.shaft(), free, &mut self.work.now);
         now
     }
 
     /// Forces at the ports now; where a stretch without edges begins, teeth are held as they are.
     #[inline(always)]
     fn start_forces<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
-        let look = Look { now, read: &self.work.now };
+        let look = Look { now, read: self.work.now.as_flattened() };
         if holds {
             self.loads.hold(look);
         }
-        self.loads.forces(simd, look, true, &mut self.work.forces[0]);
+        self.loads.forces(simd, look, true, self.work.forces[0].as_flattened_mut());
     }
 
     /// Goes a length in as many steps as teeth meet or part and balls touch or leave in it. The force
@@ -181,14 +180,14 @@ impl PortRun {
     #[inline(always)]
     fn step_kept<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let kept = &mut self.kept;
-        kept.list.clone_from(&self.list);
         kept.read.clone_from(&self.work.now);
         kept.now.clone_from(now);
         self.step(simd, length, now, turn);
     }
 
+    /// Takes a step back; every step leaves the list before it.
     fn restore(&mut self, now: &mut Moment) {
-        self.list.copy_from_slice(&self.kept.list);
+        std::mem::swap(&mut self.list, &mut self.kept.list);
         self.work.now.copy_from_slice(&self.kept.read);
         now.clone_from(&self.kept.now);
     }
@@ -196,8 +195,8 @@ impl PortRun {
     /// What happened first in the last step, of `step_s`, that it should not have gone across; balls
     /// are left alone in small pieces.
     fn first_event(&mut self, after: &Moment, step_s: f64, is_small: bool) -> Option<Event> {
-        let before = Look { now: &self.kept.now, read: &self.kept.read };
-        let end = Look { now: after, read: &self.work.now };
+        let before = Look { now: &self.kept.now, read: self.kept.read.as_flattened() };
+        let end = Look { now: after, read: self.work.now.as_flattened() };
         if let Some((gear, crossing)) = self.loads.crossing(before, end, step_s) {
             return Some(Event::Teeth(gear, crossing));
         }
@@ -206,7 +205,7 @@ impl PortRun {
         }
         let middle_rad = 0.5 * (before.now.shaft_rad + after.shaft_rad);
         let middle = Moment::at(middle_rad, &self.loads);
-        let middle = Look { now: &middle, read: &self.work.middle };
+        let middle = Look { now: &middle, read: self.work.middle.as_flattened() };
         self.loads.first_touch([before, middle, end]).map(Event::Ball)
     }
 
@@ -255,8 +254,8 @@ impl PortRun {
     fn observe<S: Simd>(&mut self, simd: S, now: &Moment, out: &mut [Vec<f64>]) {
         self.watched.rows.times(simd, &self.list, &mut self.work.seen);
         let seen = self.work.seen.as_flattened();
-        let force = &self.work.forces[0];
-        let n = force.len().max(1);
+        let force = self.work.forces[0].as_flattened();
+        let n = self.ported.n_in;
         for (i, (list, still)) in out.iter_mut().zip(&self.watched.still).enumerate() {
             let direct = self.watched.direct.get(i * n..(i + 1) * n).unwrap_or_default();
             let pushed: f64 = direct.iter().zip(force).map(|(a, f)| a * f).sum();
@@ -267,65 +266,49 @@ impl PortRun {
     /// One step from `now` on, with the forces now in `work.forces[0]`; leaves what is read at its end.
     #[inline(always)]
     fn step<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        let odd_turn;
         let (map, turn) = match length {
             Length::Grid => (&self.grid, turn),
             Length::Odd(step_s) => {
                 let set = SetStep { map: &mut self.odd, ported: &self.ported, step_s };
                 set.with_simd(simd);
-                odd_turn = Moment::at(0.5 * self.speed_rad_per_s * step_s, &self.loads);
-                (&self.odd, &odd_turn)
+                self.odd_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+                (&self.odd, &self.odd_turn)
             }
         };
-        let (n_in, n_out) = (self.ported.n_in, self.ported.n_out);
-        let Work { free, stage, middle, forces, amounts, now: at_end, .. } = &mut self.work;
+        let Work { free, stage, middle, forces, sums, now: at_end, .. } = &mut self.work;
         let [start, first, second, end] = forces;
         let (loads, still) = (&mut self.loads, &self.still);
         map.free.times(simd, &self.list, free);
-        let (free_middle, free_end) = free.as_flattened().split_at(n_out);
+        // Whole blocks of both: what is beyond is not asked for.
+        let free_middle = free.as_flattened();
+        let free_end = &free_middle[self.ported.n_out..];
         now.turn(turn);
-        sum(free_middle, now, still, stage);
-        push(&map.stage, start, stage);
-        loads.forces(simd, Look { now, read: stage }, false, first);
-        sum(free_middle, now, still, middle);
-        push(&map.stage, first, middle);
-        loads.forces(simd, Look { now, read: middle }, false, second);
+        still.plus(simd, now.shaft(), free_middle, stage);
+        middle.copy_from_slice(stage);
+        push(simd, &map.stage, start.as_flattened(), stage);
+        let look = Look { now, read: stage.as_flattened() };
+        loads.forces(simd, look, false, first.as_flattened_mut());
+        push(simd, &map.stage, first.as_flattened(), middle);
+        let look = Look { now, read: middle.as_flattened() };
+        loads.forces(simd, look, false, second.as_flattened_mut());
         now.turn(turn);
-        sum(free_end, now, still, at_end);
+        still.plus(simd, now.shaft(), free_end, at_end);
         stage.copy_from_slice(at_end);
-        for port in 0..n_in {
-            amounts[port] = 2.0 * second[port] - start[port];
+        let [both, ahead] = sums;
+        let pairs = start.as_flattened().iter().zip(first.as_flattened()).zip(second.as_flattened());
+        let sums = both.as_flattened_mut().iter_mut().zip(ahead.as_flattened_mut());
+        for ((both, ahead), ((start, first), second)) in sums.zip(pairs) {
+            (*both, *ahead) = (first + second, 2.0 * second - start);
         }
-        push(&map.carried, start, stage);
-        push(&map.stage, &amounts[..n_in], stage);
-        loads.forces(simd, Look { now, read: stage }, false, end);
-        for port in 0..n_in {
-            amounts[port] = start[port];
-            amounts[n_in + port] = first[port] + second[port];
-            amounts[2 * n_in + port] = end[port];
+        push(simd, &map.carried, start.as_flattened(), stage);
+        push(simd, &map.stage, ahead.as_flattened(), stage);
+        let look = Look { now, read: stage.as_flattened() };
+        loads.forces(simd, look, false, end.as_flattened_mut());
+        let amounts: [&[Block]; 3] = [start, both, end];
+        for (weights, amounts) in map.weighted.iter().zip(amounts) {
+            push(simd, weights, amounts.as_flattened(), at_end);
         }
-        for (weights, amounts) in map.weighted.iter().zip(amounts.chunks_exact(n_in.max(1))) {
-            push(weights, amounts, at_end);
-        }
-        lanes::carry(simd, &map.whole, &map.columns, amounts, &mut self.list);
-    }
-}
-
-/// Free and steady motion together.
-#[inline(always)]
-fn sum(free: &[f64], now: &Moment, still: &[[f64; 3]], out: &mut [f64]) {
-    for ((out, free), still) in out.iter_mut().zip(free).zip(still) {
-        *out = free + now.of(still);
-    }
-}
-
-/// Adds to what is read what forces do to it.
-#[inline(always)]
-fn push(effect: &[f64], force: &[f64], read: &mut [f64]) {
-    let n = read.len().max(1);
-    for (row, force) in effect.chunks_exact(n).zip(force) {
-        for (read, effect) in read.iter_mut().zip(row) {
-            *read += effect * force;
-        }
+        map.carry(simd, &self.ported, amounts, (&self.list, &mut self.kept.list));
+        std::mem::swap(&mut self.list, &mut self.kept.list);
     }
 }

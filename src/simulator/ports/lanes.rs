@@ -10,6 +10,9 @@ use pulp::Simd;
 /// Complex numbers in a group; every vector width divides it.
 pub(super) const WIDTH: usize = 8;
 
+/// Real numbers side by side.
+pub(super) type Block = [f64; WIDTH];
+
 /// Numbers in a group.
 pub(super) const GROUP: usize = 2 * WIDTH;
 
@@ -102,35 +105,137 @@ fn eight_rows<S: Simd>(simd: S, block: &[[f64; WIDTH]], list: &[f64]) -> [f64; W
     out
 }
 
-/// s ← factor·s + Σ columns·amounts. `columns` holds, for every group, one group a column.
+/// Numbers that change with the angle φ of the shaft: constant + cos φ·second + sin φ·third, eight
+/// side by side.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Turning {
+    parts: [Vec<Block>; 3],
+}
+
+impl Turning {
+    /// Lays out constant, cos and sin part of each.
+    pub(super) fn new(numbers: &[[f64; 3]]) -> Self {
+        let part = |part: usize| {
+            let mut blocks = vec![[0.0; WIDTH]; numbers.len().div_ceil(WIDTH)];
+            let places = blocks.as_flattened_mut().iter_mut();
+            places.zip(numbers).for_each(|(place, number)| *place = number[part]);
+            blocks
+        };
+        Self { parts: [part(0), part(1), part(2)] }
+    }
+
+    /// The numbers at this cos and sin, and as many others added.
+    #[inline(always)]
+    pub(super) fn plus<S: Simd>(
+        &self,
+        simd: S,
+        (cos, sin): (f64, f64),
+        others: &[f64],
+        out: &mut [Block],
+    ) {
+        let (cos, sin) = (simd.splat_f64s(cos), simd.splat_f64s(sin));
+        let [first, second, third] = &self.parts;
+        let parts = first.iter().zip(second).zip(third);
+        for (((first, second), third), (others, out)) in
+            parts.zip(others.chunks_exact(WIDTH).zip(out))
+        {
+            let (first, _) = S::as_simd_f64s(first);
+            let (second, _) = S::as_simd_f64s(second);
+            let (third, _) = S::as_simd_f64s(third);
+            let (others, _) = S::as_simd_f64s(others);
+            let (out, _) = S::as_mut_simd_f64s(out);
+            for v in 0..WIDTH / S::F64_LANES {
+                let still = simd.mul_add_e_f64s(second[v], cos, first[v]);
+                out[v] = simd.mul_add_e_f64s(third[v], sin, simd.add_f64s(still, others[v]));
+            }
+        }
+    }
+}
+
+/// out ← out + Σ columns·amounts; `columns` holds as many blocks a column as `out` has.
+#[inline(always)]
+pub(super) fn push<S: Simd>(simd: S, columns: &[Block], amounts: &[f64], out: &mut [Block]) {
+    let n_blocks = out.len().max(1);
+    for (b, out) in out.iter_mut().enumerate() {
+        let (out, _) = S::as_mut_simd_f64s(out);
+        // Two sums, so that one addition need not wait for the one before.
+        let mut sums = [[simd.splat_f64s(0.0); WIDTH]; 2];
+        for (pair, amounts) in columns.chunks(2 * n_blocks).zip(amounts.chunks(2)) {
+            for ((column, amount), sum) in
+                pair.chunks_exact(n_blocks).zip(amounts).zip(&mut sums)
+            {
+                let amount = simd.splat_f64s(*amount);
+                let (column, _) = S::as_simd_f64s(&column[b]);
+                for v in 0..WIDTH / S::F64_LANES {
+                    sum[v] = simd.mul_add_e_f64s(column[v], amount, sum[v]);
+                }
+            }
+        }
+        for v in 0..WIDTH / S::F64_LANES {
+            out[v] = simd.add_f64s(out[v], simd.add_f64s(sums[0][v], sums[1][v]));
+        }
+    }
+}
+
+/// to = factor·from + Σ columns·amounts. `columns` holds, for every group, one group a column: first
+/// those of the first of the three lists of amounts, and so on. Lists of amounts may be longer.
 #[inline(always)]
 pub(super) fn carry<S: Simd>(
     simd: S,
     factor: &[f64],
-    columns: &[f64],
-    amounts: &[f64],
-    list: &mut [f64],
+    (columns, n): (&[f64], usize),
+    amounts: [&[f64]; 3],
+    (from, to): (&[f64], &mut [f64]),
 ) {
-    let groups = list.chunks_exact_mut(GROUP).zip(factor.chunks_exact(GROUP));
-    for ((s, factor), columns) in groups.zip(columns.chunks_exact(GROUP * amounts.len())) {
-        let (s_re, s_im) = s.split_at_mut(WIDTH);
-        let (s_re, _) = S::as_mut_simd_f64s(s_re);
-        let (s_im, _) = S::as_mut_simd_f64s(s_im);
-        let (f_re, _) = S::as_simd_f64s(&factor[..WIDTH]);
-        let (f_im, _) = S::as_simd_f64s(&factor[WIDTH..]);
+    let groups = from.chunks_exact(GROUP).zip(to.chunks_exact_mut(GROUP));
+    let maps = factor.chunks_exact(GROUP).zip(columns.chunks_exact((3 * n * GROUP).max(1)));
+    for ((from, to), (factor, columns)) in groups.zip(maps) {
+        let (first, rest) = columns.split_at(n * GROUP);
+        let (second, third) = rest.split_at(n * GROUP);
         for v in 0..WIDTH / S::F64_LANES {
-            let mut re = simd.mul_f64s(f_re[v], s_re[v]);
-            re = simd.negate_mul_add_e_f64s(f_im[v], s_im[v], re);
-            let mut im = simd.mul_f64s(f_re[v], s_im[v]);
-            im = simd.mul_add_e_f64s(f_im[v], s_re[v], im);
-            for (column, amount) in columns.chunks_exact(GROUP).zip(amounts) {
-                let amount = simd.splat_f64s(*amount);
-                let (c_re, _) = S::as_simd_f64s(&column[..WIDTH]);
-                let (c_im, _) = S::as_simd_f64s(&column[WIDTH..]);
-                re = simd.mul_add_e_f64s(c_re[v], amount, re);
-                im = simd.mul_add_e_f64s(c_im[v], amount, im);
+            let factor = Numbers::<S>::load(factor, v);
+            // Three sums, so that one addition need not wait for the one before.
+            let mut sums = [Numbers::load(from, v).product(simd, factor), Numbers::zero(simd), Numbers::zero(simd)];
+            let columns = first.chunks_exact(GROUP).zip(second.chunks_exact(GROUP)).zip(third.chunks_exact(GROUP));
+            let forces = amounts[0].iter().zip(amounts[1]).zip(amounts[2]);
+            for (((a, b), c), ((fa, fb), fc)) in columns.zip(forces) {
+                sums[0] = sums[0].plus_scaled(simd, Numbers::load(a, v), *fa);
+                sums[1] = sums[1].plus_scaled(simd, Numbers::load(b, v), *fb);
+                sums[2] = sums[2].plus_scaled(simd, Numbers::load(c, v), *fc);
             }
-            (s_re[v], s_im[v]) = (re, im);
+            sums[0].plus(simd, sums[1].plus(simd, sums[2])).store(to, v);
+        }
+    }
+}
+
+/// to = factor·from + Σ weights·amounts for groups that have one factor and three weights in
+/// common: [re, im] of factor and weights, and eight amounts a group of each. Groups beyond the
+/// amounts get none.
+#[inline(always)]
+pub(super) fn carry_alike<S: Simd>(
+    simd: S,
+    [factor, first, second, third]: [[f64; 2]; 4],
+    amounts: [&[Block]; 3],
+    (from, to): (&[f64], &mut [f64]),
+) {
+    let factor = Numbers::<S>::splat(simd, factor);
+    let weights = [
+        Numbers::<S>::splat(simd, first),
+        Numbers::<S>::splat(simd, second),
+        Numbers::<S>::splat(simd, third),
+    ];
+    let groups = from.chunks_exact(GROUP).zip(to.chunks_exact_mut(GROUP));
+    for (g, (from, to)) in groups.enumerate() {
+        for v in 0..WIDTH / S::F64_LANES {
+            let mut sum = Numbers::load(from, v).product(simd, factor);
+            for (weight, amounts) in weights.iter().zip(amounts) {
+                if let Some(amounts) = amounts.get(g) {
+                    let (amounts, _) = S::as_simd_f64s(amounts);
+                    sum.re = simd.mul_add_e_f64s(weight.re, amounts[v], sum.re);
+                    sum.im = simd.mul_add_e_f64s(weight.im, amounts[v], sum.im);
+                }
+            }
+            sum.store(to, v);
         }
     }
 }
@@ -149,6 +254,27 @@ impl<S: Simd> Numbers<S> {
         let (re, _) = S::as_simd_f64s(&group[..WIDTH]);
         let (im, _) = S::as_simd_f64s(&group[WIDTH..GROUP]);
         Self { re: re[v], im: im[v] }
+    }
+
+    #[inline(always)]
+    pub(super) fn zero(simd: S) -> Self {
+        Self::splat(simd, [0.0; 2])
+    }
+
+    /// The same number in all places.
+    #[inline(always)]
+    pub(super) fn splat(simd: S, [re, im]: [f64; 2]) -> Self {
+        Self { re: simd.splat_f64s(re), im: simd.splat_f64s(im) }
+    }
+
+    /// Plus others times a real number.
+    #[inline(always)]
+    pub(super) fn plus_scaled(self, simd: S, other: Self, factor: f64) -> Self {
+        let factor = simd.splat_f64s(factor);
+        Self {
+            re: simd.mul_add_e_f64s(other.re, factor, self.re),
+            im: simd.mul_add_e_f64s(other.im, factor, self.im),
+        }
     }
 
     /// Writes to vector `v` of a group.

@@ -57,15 +57,9 @@ pub(super) struct Look<'a> {
 impl Moment {
     /// The angles of shaft and cages when the shaft's is this.
     pub(super) fn at(shaft_rad: f64, loads: &Loads) -> Self {
-        let unit = |angle: f64| {
-            let (sin, cos) = angle.sin_cos();
-            (cos, sin)
-        };
-        Self {
-            shaft_rad,
-            shaft: unit(shaft_rad),
-            cages: loads.seats.iter().map(|seat| unit(seat.cage_ratio * shaft_rad)).collect(),
-        }
+        let mut moment = Self { shaft_rad, shaft: (1.0, 0.0), cages: Vec::new() };
+        moment.set(shaft_rad, loads);
+        moment
     }
 
     /// Goes on by these angles.
@@ -77,6 +71,22 @@ impl Moment {
         for (cage, by) in self.cages.iter_mut().zip(&by.cages) {
             *cage = turned(*cage, *by);
         }
+    }
+
+    /// cos and sin of the shaft's angle.
+    pub(super) fn shaft(&self) -> (f64, f64) {
+        self.shaft
+    }
+
+    /// The moment at which the shaft has this angle.
+    pub(super) fn set(&mut self, shaft_rad: f64, loads: &Loads) {
+        let unit = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            (cos, sin)
+        };
+        (self.shaft_rad, self.shaft) = (shaft_rad, unit(shaft_rad));
+        self.cages.clear();
+        self.cages.extend(loads.seats.iter().map(|seat| unit(seat.cage_ratio * shaft_rad)));
     }
 
     /// Constant + cos and sin part.

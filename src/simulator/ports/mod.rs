@@ -25,7 +25,7 @@ use super::linear::{LinearSystem, Steady};
 use super::mesh::Mesh;
 use super::model::Model;
 use super::run::Watch;
-use lanes::WIDTH;
+use lanes::{Block, Turning, WIDTH};
 use linearise::{Ports, linearised};
 use loads::{Loads, Look, Moment};
 use nalgebra::Complex;
@@ -68,11 +68,13 @@ pub struct PortRun {
     steady: Steady,
     ported: Ported,
     loads: Loads,
-    /// Steady part of what is read: constant, cos and sin part.
-    still: Vec<[f64; 3]>,
+    /// Steady part of what is read.
+    still: Turning,
     watched: Watched,
     grid: StepMap,
     odd: StepMap,
+    /// Half a step of the odd maps.
+    odd_turn: Moment,
     speed_rad_per_s: f64,
     step_s: f64,
     /// Steps from one that is watched to the next.
@@ -84,7 +86,7 @@ pub struct PortRun {
     now: Option<Moment>,
     /// Whether the next step must ask which balls are over defects.
     is_stale: bool,
-    /// The free motion.
+    /// The free motion, and the filters.
     list: Vec<f64>,
     work: Work,
     kept: Kept,
@@ -94,7 +96,7 @@ pub struct PortRun {
 #[derive(Debug, Clone)]
 struct Kept {
     list: Vec<f64>,
-    read: Vec<f64>,
+    read: Vec<Block>,
     now: Moment,
 }
 
@@ -102,16 +104,16 @@ struct Kept {
 #[derive(Debug, Clone, Default)]
 struct Work {
     /// What is read at the start of the step: see [`loads`].
-    now: Vec<f64>,
-    /// The same of the free motion in the middle and at the end; and what is watched.
-    free: Vec<[f64; WIDTH]>,
-    seen: Vec<[f64; WIDTH]>,
-    stage: Vec<f64>,
+    now: Vec<Block>,
+    /// The same of the free motion in the middle, behind it at the end; and what is watched.
+    free: Vec<Block>,
+    seen: Vec<Block>,
+    stage: Vec<Block>,
     /// What is read in the middle of the last step.
-    middle: Vec<f64>,
-    /// Forces at the ports: start, first and second of the middle, end; and what they amount to.
-    forces: [Vec<f64>; 4],
-    amounts: Vec<f64>,
+    middle: Vec<Block>,
+    /// Forces at the ports: start, first and second of the middle, end; and two sums of them.
+    forces: [Vec<Block>; 4],
+    sums: [Vec<Block>; 2],
     angles: Vec<f64>,
     edges_s: Vec<f64>,
     /// Pieces of a step that are still to go, the next last.
@@ -120,14 +122,15 @@ struct Work {
 
 impl Work {
     fn new((n_in, n_out): (usize, usize)) -> Self {
-        let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
+        let blocks = |n: usize| vec![[0.0; WIDTH]; n.div_ceil(WIDTH)];
         Self {
-            now: vec![0.0; n_out],
-            stage: vec![0.0; n_out],
-            middle: vec![0.0; n_out],
-            free: blocks(2 * n_out),
-            forces: std::array::from_fn(|_| vec![0.0; n_in]),
-            amounts: vec![0.0; 3 * n_in],
+            now: blocks(n_out),
+            stage: blocks(n_out),
+            middle: blocks(n_out),
+            // Whole blocks are taken from where the second half begins.
+            free: blocks(2 * n_out + WIDTH),
+            forces: std::array::from_fn(|_| blocks(n_in)),
+            sums: [blocks(n_in), blocks(n_in)],
             ..Self::default()
         }
     }
@@ -170,13 +173,17 @@ impl PortRun {
         let spectrum = Spectrum::of(system.matrix())?;
         let loads = Loads::new(model, stiffness_n_per_m);
         let ports = Ports::new(model, &system);
+        if ports.rows.is_empty() {
+            return None;
+        }
         let watched = Watched::new((&system, &steady, &spectrum), &ports, &[]);
         let ported = ported(&spectrum, &ports, &watched);
         let mut run = Self {
             arch: Arch::new(),
             kept: Kept { list: Vec::new(), read: Vec::new(), now: Moment::at(0.0, &loads) },
+            odd_turn: Moment::at(0.0, &loads),
             loads,
-            still: ports.outputs.iter().map(|row| steady.seen_by(row)).collect(),
+            still: still(&ports, &steady),
             watched,
             grid: StepMap::new(&ported),
             odd: StepMap::new(&ported),
@@ -214,7 +221,7 @@ impl PortRun {
         for _ in 0..PILOT.0 {
             self.fill(PILOT.1, &mut []);
             let now = Moment::at(self.shaft_rad(self.time_s()), &self.loads);
-            let look = Look { now: &now, read: &self.work.now };
+            let look = Look { now: &now, read: self.work.now.as_flattened() };
             for (sum, now) in sums.iter_mut().zip(self.loads.stiffness_n_per_m(look)) {
                 sum.iter_mut().zip(now).for_each(|(sum, now)| *sum += now / PILOT.0 as f64);
             }
@@ -243,13 +250,23 @@ impl PortRun {
     pub fn watching(mut self, sensed: &[Sensed], every: u32) -> Self {
         self.watched_every = i64::from(every.max(1));
         self.set_watches(sensed);
-        let n_motion = self.spectrum.values.len();
-        let mut numbers = lanes::numbers(&self.list, n_motion);
-        let empty = vec![Complex::new(0.0, 0.0); self.watched.n_poles()];
-        let own = self.watched.states(&empty, &numbers, self.turn(), -1.0);
-        numbers.extend(own);
-        self.list = lanes::list(&numbers);
+        let empty = vec![Complex::new(0.0, 0.0); self.watched.n_states()];
+        self.begin_filters(&empty);
         self
+    }
+
+    /// The motion's coordinates.
+    fn motion(&self) -> Vec<Complex<f64>> {
+        lanes::numbers(&self.list, self.spectrum.values.len())
+    }
+
+    /// Lets the filters go on from these states.
+    fn begin_filters(&mut self, states: &[Complex<f64>]) {
+        let motion = self.motion();
+        let filters = self.watched.begun(states, &motion, self.turn());
+        self.list.truncate(lanes::list_len(motion.len()));
+        self.list.extend(filters);
+        self.kept.list = self.list.clone();
     }
 
     fn set_watches(&mut self, sensed: &[Sensed]) {
@@ -284,6 +301,7 @@ impl PortRun {
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {
         let free = self.system.state(q, v) - self.steady.state(self.shaft_rad(self.time_s()));
         self.list = lanes::list(&self.spectrum.input(&free));
+        self.kept.list = self.list.clone();
         (self.now, self.is_stale) = (None, true);
     }
 
@@ -300,8 +318,7 @@ impl PortRun {
     /// Displacements and velocities of all coordinates at the next step's beginning.
     #[must_use]
     pub fn state(&self) -> (Vec<f64>, Vec<f64>) {
-        let coordinates = lanes::numbers(&self.list, self.spectrum.values.len());
-        let free = self.spectrum.state(&coordinates);
+        let free = self.spectrum.state(&self.motion());
         self.system.coordinates(&(free + self.steady.state(self.shaft_rad(self.time_s()))))
     }
 
@@ -311,20 +328,15 @@ impl PortRun {
     pub fn change(&mut self, model: &Model, sensed: &[Sensed]) -> bool {
         let Some(steady) = self.system.steady(model) else { return false };
         let (q, v) = self.state();
-        let n_motion = self.spectrum.values.len();
-        let all = lanes::numbers(&self.list, n_motion + self.watched.n_poles());
-        let (motion, own) = all.split_at(n_motion);
-        let in_filters = self.watched.states(own, motion, self.turn(), 1.0);
+        let in_filters = self.watched.states(&self.list, &self.motion(), self.turn());
         self.loads.exchange(model);
         self.steady = steady;
         self.model = model.clone();
         self.set_watches(sensed);
         let ports = Ports::new(model, &self.system);
-        self.still = ports.outputs.iter().map(|row| self.steady.seen_by(row)).collect();
+        self.still = still(&ports, &self.steady);
         self.set_state((&q, &v));
-        let mut numbers = lanes::numbers(&self.list, n_motion);
-        numbers.extend(self.watched.states(&in_filters, &numbers, self.turn(), -1.0));
-        self.list = lanes::list(&numbers);
+        self.begin_filters(&in_filters);
         true
     }
 
@@ -364,15 +376,17 @@ impl PortRun {
     }
 }
 
-/// The coordinates of the motion and of the filters, with the ports.
+/// The coordinates of the motion with the ports, and the filters' poles.
 fn ported(spectrum: &Spectrum, ports: &Ports, watched: &Watched) -> Ported {
-    let values: Vec<_> = spectrum.values.iter().copied().chain(watched.rates()).collect();
-    let with_filters = |(port, input): (usize, &nalgebra::DVector<f64>)| {
-        spectrum.input(input).into_iter().chain(watched.input(port)).collect()
-    };
-    let inputs: Vec<Vec<_>> = ports.inputs.iter().enumerate().map(with_filters).collect();
+    let inputs: Vec<Vec<_>> = ports.inputs.iter().map(|input| spectrum.input(input)).collect();
     let outputs: Vec<_> = ports.outputs.iter().map(|row| spectrum.output(row)).collect();
-    Ported::new(&values, &inputs, &outputs, spectrum.values.len())
+    Ported::new(&spectrum.values, &inputs, &outputs, &watched.poles)
+}
+
+/// Steady part of what is read.
+fn still(ports: &Ports, steady: &Steady) -> Turning {
+    let parts: Vec<_> = ports.outputs.iter().map(|row| steady.seen_by(row)).collect();
+    Turning::new(&parts)
 }
 
 struct SetStep<'a> {
