@@ -1,6 +1,6 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
-use super::lanes::{Block, push};
+use crate::simulator::lanes::{Block, push};
 use super::loads::{Look, Moment};
 use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
 use crate::simulator::mesh::Crossing;

@@ -4,7 +4,7 @@
 //! Computed in the cage's frame, where the balls stand still: displacement is turned into it and the
 //! force back. Must not know shafts.
 
-use super::lanes::WIDTH;
+use crate::simulator::lanes::WIDTH;
 use crate::simulator::contact::Contacts;
 use pulp::Simd;
 

@@ -11,26 +11,24 @@
 mod advance;
 mod balls;
 mod filter;
-mod lanes;
 mod linearise;
 mod loads;
-mod spectrum;
 mod step;
 mod watched;
 
 #[cfg(test)]
 mod tests;
 
+use super::lanes::{self, Block, Turning, WIDTH};
 use super::linear::{LinearSystem, Steady};
 use super::mesh::Mesh;
 use super::model::Model;
 use super::run::Watch;
-use lanes::{Block, Turning, WIDTH};
+use super::spectrum::Spectrum;
 use linearise::{Ports, linearised};
 use loads::{Loads, Look, Moment};
 use nalgebra::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use spectrum::Spectrum;
 use step::{Ported, StepMap};
 use watched::Watched;
 

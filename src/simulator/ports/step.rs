@@ -3,7 +3,7 @@
 //!
 //! Must not know what makes the forces.
 
-use super::lanes::{self, Block, GROUP, Numbers, Rows, WIDTH};
+use crate::simulator::lanes::{self, Block, GROUP, Numbers, Rows, WIDTH};
 use nalgebra::Complex;
 use pulp::Simd;
 

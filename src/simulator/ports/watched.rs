@@ -8,9 +8,9 @@
 
 use super::Sensed;
 use super::filter::LowPass;
-use super::lanes::{Rows, WIDTH};
+use crate::simulator::lanes::{self, Rows, WIDTH};
 use super::linearise::Ports;
-use super::spectrum::Spectrum;
+use crate::simulator::spectrum::Spectrum;
 use crate::simulator::linear::{LinearSystem, Seen, Steady};
 use nalgebra::Complex;
 
@@ -151,7 +151,7 @@ impl Watched {
             let at = places.of_watch(own.pole, own.watch) - places.n_motion;
             numbers[at] = state - own.driven(motion, turn);
         }
-        super::lanes::list(&numbers)
+        lanes::list(&numbers)
     }
 
     /// States of the filters, by watch and pole, of a list of which this is the motion.
@@ -162,7 +162,7 @@ impl Watched {
         turn: Complex<f64>,
     ) -> Vec<Complex<f64>> {
         let at = |place: usize| {
-            let (re, im) = super::lanes::places(place);
+            let (re, im) = lanes::places(place);
             Complex::new(list[re], list[im])
         };
         let state = |own: &Own| {
