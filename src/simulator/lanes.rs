@@ -161,9 +161,7 @@ pub(super) fn push<S: Simd>(simd: S, columns: &[Block], amounts: &[f64], out: &m
         // Two sums, so that one addition need not wait for the one before.
         let mut sums = [[simd.splat_f64s(0.0); WIDTH]; 2];
         for (pair, amounts) in columns.chunks(2 * n_blocks).zip(amounts.chunks(2)) {
-            for ((column, amount), sum) in
-                pair.chunks_exact(n_blocks).zip(amounts).zip(&mut sums)
-            {
+            for ((column, amount), sum) in pair.chunks_exact(n_blocks).zip(amounts).zip(&mut sums) {
                 let amount = simd.splat_f64s(*amount);
                 let (column, _) = S::as_simd_f64s(&column[b]);
                 for v in 0..WIDTH / S::F64_LANES {
@@ -195,8 +193,15 @@ pub(super) fn carry<S: Simd>(
         for v in 0..WIDTH / S::F64_LANES {
             let factor = Numbers::<S>::load(factor, v);
             // Three sums, so that one addition need not wait for the one before.
-            let mut sums = [Numbers::load(from, v).product(simd, factor), Numbers::zero(simd), Numbers::zero(simd)];
-            let columns = first.chunks_exact(GROUP).zip(second.chunks_exact(GROUP)).zip(third.chunks_exact(GROUP));
+            let mut sums = [
+                Numbers::load(from, v).product(simd, factor),
+                Numbers::zero(simd),
+                Numbers::zero(simd),
+            ];
+            let columns = first
+                .chunks_exact(GROUP)
+                .zip(second.chunks_exact(GROUP))
+                .zip(third.chunks_exact(GROUP));
             let forces = amounts[0].iter().zip(amounts[1]).zip(amounts[2]);
             for (((a, b), c), ((fa, fb), fc)) in columns.zip(forces) {
                 sums[0] = sums[0].plus_scaled(simd, Numbers::load(a, v), *fa);

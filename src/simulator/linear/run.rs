@@ -111,10 +111,9 @@ impl LinearRun {
                 let modes = self.free_columns(&spectrum, &free);
                 Free::Spectral { spectrum: Box::new(spectrum), modes }
             }
-            None => Free::Dense {
-                propagator: self.system.propagator(1.0 / self.rate_hz),
-                state: free,
-            },
+            None => {
+                Free::Dense { propagator: self.system.propagator(1.0 / self.rate_hz), state: free }
+            }
         };
     }
 

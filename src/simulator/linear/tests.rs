@@ -143,8 +143,11 @@ fn rig_from_rest() -> LinearRun {
         stiffness_n_per_m: [[2e6, 3e5], [-3e5, 1e6]],
         damping_n_s_per_m: [[300.0, 20.0], [20.0, 200.0]],
     });
-    let watches = [Quantity::Displacement, Quantity::Acceleration]
-        .map(|quantity| Watch { row: mid.clone(), axis_rad: 0.3, quantity });
+    let watches = [Quantity::Displacement, Quantity::Acceleration].map(|quantity| Watch {
+        row: mid.clone(),
+        axis_rad: 0.3,
+        quantity,
+    });
     let zero = vec![0.0; 2 * model.basis.len()];
     LinearRun::new(&model, 30.0, &watches, 1e4, Some((&zero[..], &zero[..]))).unwrap()
 }

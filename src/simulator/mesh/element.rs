@@ -235,6 +235,12 @@ impl Mesh {
         forces
     }
 
+    /// Whether the drive flanks are held apart.
+    #[must_use]
+    pub fn is_apart(&self) -> bool {
+        self.active[0].iter().all(|active| active.touches == Some(false))
+    }
+
     /// Keeps the pairs that touch at a moment touching, and the others apart, up to the next
     /// [`Mesh::set_side`] or [`Mesh::cross`]: the force is then smooth in all its arguments.
     pub fn hold(&mut self, moment: &Moment) {

@@ -1,8 +1,8 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
-use crate::simulator::lanes::{Block, push};
 use super::loads::{Look, Moment};
-use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
+use super::{PortRun, RESTLESS_S, SAME_TIME, STRIDE, SetStep, Work};
+use crate::simulator::lanes::{Block, push};
 use crate::simulator::mesh::Crossing;
 use pulp::{Simd, WithSimd};
 
@@ -51,6 +51,8 @@ enum Event {
 enum Length {
     /// Those of the grid.
     Grid,
+    /// Those of a part of the grid's step.
+    Fine,
     /// Those of this length, s.
     Odd(f64),
 }
@@ -88,7 +90,9 @@ impl PortRun {
                 }
                 let is_whole = edge_s.is_none() && at_s <= begin_s;
                 let length = if is_whole { Length::Grid } else { Length::Odd(to_s - at_s) };
-                if self.cuts_at_contact || !self.loads.gears.is_empty() {
+                if !self.loads.gears.is_empty() && self.parts_after_teeth > 1 {
+                    self.go(simd, length, &mut now, &turn);
+                } else if self.cuts_at_contact || !self.loads.gears.is_empty() {
                     self.reach(simd, length, &mut now, &turn);
                 } else {
                     self.step(simd, length, &mut now, &turn);
@@ -115,8 +119,12 @@ impl PortRun {
     }
 
     /// Forces at the ports now; where a stretch without edges begins, teeth are held as they are.
-    #[inline(always)]
     fn start_forces<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
+        simd.vectorize(Begin { run: self, now, holds });
+    }
+
+    #[inline(always)]
+    fn begin<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
         let look = Look { now, read: self.work.now.as_flattened() };
         if holds {
             self.loads.hold(look);
@@ -124,21 +132,79 @@ impl PortRun {
         self.loads.forces(simd, look, true, self.work.forces[0].as_flattened_mut());
     }
 
+    /// Goes a length in one step, or in parts where teeth are restless; a step in which they become so is
+    /// taken back. Forces at the start are known.
+    fn go<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        if self.n_steps > self.restless_until && !self.loads.are_teeth_apart() {
+            if !self.reach_calmly(simd, length, now, turn) {
+                return;
+            }
+        }
+        let n_parts = self.parts_after_teeth;
+        let part = match length {
+            Length::Grid | Length::Fine => Length::Fine,
+            Length::Odd(step_s) => Length::Odd(step_s / f64::from(n_parts)),
+        };
+        for i in 0..n_parts {
+            if i > 0 {
+                self.start_forces(simd, now, true);
+            }
+            self.reach(simd, part, now, turn);
+        }
+    }
+
+    /// Goes a length unless teeth meet or part in it; whether they do, and nothing is done.
+    fn reach_calmly<S: Simd>(
+        &mut self,
+        simd: S,
+        length: Length,
+        now: &mut Moment,
+        turn: &Moment,
+    ) -> bool {
+        self.step_kept(simd, length, now, turn);
+        let whole_s = self.length_s(length);
+        let event = self.first_event(now, whole_s, false);
+        if matches!(event, Some(Event::Teeth(..))) {
+            self.restore(now);
+            return true;
+        }
+        if event.is_some() {
+            self.follow(simd, event, whole_s, now, turn);
+        }
+        false
+    }
+
+    /// Length of a step, s.
+    fn length_s(&self, length: Length) -> f64 {
+        match length {
+            Length::Grid => self.step_s,
+            Length::Fine => self.step_s / f64::from(self.parts_after_teeth),
+            Length::Odd(step_s) => step_s,
+        }
+    }
+
     /// Goes a length in as many steps as teeth meet or part and balls touch or leave in it. The force
     /// of a ball that touches grows with t^1.5, which no polynomial follows: steps are cut there and
     /// grow from there on. Forces at the start are known.
-    #[inline(always)]
     fn reach<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        let whole_s = match length {
-            Length::Grid => self.step_s,
-            Length::Odd(step_s) => step_s,
-        };
-        let shortest_s = SAME_TIME * self.step_s;
+        let whole_s = self.length_s(length);
         self.step_kept(simd, length, now, turn);
-        let mut event = self.first_event(now, whole_s, false);
-        if event.is_none() {
-            return;
+        let event = self.first_event(now, whole_s, false);
+        if event.is_some() {
+            self.follow(simd, event, whole_s, now, turn);
         }
+    }
+
+    /// Takes a step of `whole_s` back in which something happened, and goes its length in pieces.
+    fn follow<S: Simd>(
+        &mut self,
+        simd: S,
+        mut event: Option<Event>,
+        whole_s: f64,
+        now: &mut Moment,
+        turn: &Moment,
+    ) {
+        let shortest_s = SAME_TIME * self.step_s;
         let mut ahead_s = std::mem::take(&mut self.work.ahead_s);
         ahead_s.clear();
         let (mut piece_s, mut n_cuts) = (whole_s, 0);
@@ -162,6 +228,15 @@ impl PortRun {
                 }
                 Some(Event::Teeth(..)) | None => {}
             }
+            match event {
+                Some(Event::Teeth(..)) => {
+                    #[expect(clippy::cast_possible_truncation, reason = "some hundred")]
+                    let n_steps = (RESTLESS_S / self.step_s).ceil() as i64;
+                    self.restless_until = self.n_steps + n_steps;
+                }
+                Some(Event::Ball(_)) => self.n_touches += 1,
+                None => {}
+            }
             n_cuts += usize::from(event.is_some());
             let Some(next_s) = ahead_s.pop() else { break };
             piece_s = next_s;
@@ -177,7 +252,6 @@ impl PortRun {
     }
 
     /// A step that can be taken back.
-    #[inline(always)]
     fn step_kept<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let kept = &mut self.kept;
         kept.read.clone_from(&self.work.now);
@@ -264,14 +338,22 @@ impl PortRun {
     }
 
     /// One step from `now` on, with the forces now in `work.forces[0]`; leaves what is read at its end.
-    #[inline(always)]
     fn step<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        simd.vectorize(Step { run: self, length, now, turn });
+    }
+
+    #[inline(always)]
+    fn steps<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        self.n_taken += 1;
         let (map, turn) = match length {
             Length::Grid => (&self.grid, turn),
+            Length::Fine => (&self.fine, &self.fine_turn),
             Length::Odd(step_s) => {
-                let set = SetStep { map: &mut self.odd, ported: &self.ported, step_s };
-                set.with_simd(simd);
-                self.odd_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+                if self.odd_s.to_bits() != step_s.to_bits() {
+                    self.odd_s = step_s;
+                    simd.vectorize(SetStep { map: &mut self.odd, ported: &self.ported, step_s });
+                    self.odd_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+                }
                 (&self.odd, &self.odd_turn)
             }
         };
@@ -295,7 +377,8 @@ impl PortRun {
         still.plus(simd, now.shaft(), free_end, at_end);
         stage.copy_from_slice(at_end);
         let [both, ahead] = sums;
-        let pairs = start.as_flattened().iter().zip(first.as_flattened()).zip(second.as_flattened());
+        let pairs =
+            start.as_flattened().iter().zip(first.as_flattened()).zip(second.as_flattened());
         let sums = both.as_flattened_mut().iter_mut().zip(ahead.as_flattened_mut());
         for ((both, ahead), ((start, first), second)) in sums.zip(pairs) {
             (*both, *ahead) = (first + second, 2.0 * second - start);
@@ -310,5 +393,38 @@ impl PortRun {
         }
         map.carry(simd, &self.ported, amounts, (&self.list, &mut self.kept.list));
         std::mem::swap(&mut self.list, &mut self.kept.list);
+    }
+}
+
+/// [`PortRun::begin`] once in the program, not at every place that calls it.
+struct Begin<'a> {
+    run: &'a mut PortRun,
+    now: &'a Moment,
+    holds: bool,
+}
+
+impl WithSimd for Begin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.run.begin(simd, self.now, self.holds);
+    }
+}
+
+/// [`PortRun::steps`] likewise.
+struct Step<'a> {
+    run: &'a mut PortRun,
+    length: Length,
+    now: &'a mut Moment,
+    turn: &'a Moment,
+}
+
+impl WithSimd for Step<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.run.steps(simd, self.length, self.now, self.turn);
     }
 }

@@ -4,8 +4,8 @@
 //! Computed in the cage's frame, where the balls stand still: displacement is turned into it and the
 //! force back. Must not know shafts.
 
-use crate::simulator::lanes::WIDTH;
 use crate::simulator::contact::Contacts;
+use crate::simulator::lanes::WIDTH;
 use pulp::Simd;
 
 /// A bearing's balls.

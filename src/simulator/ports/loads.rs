@@ -179,6 +179,11 @@ impl Loads {
         }
     }
 
+    /// Whether drive flanks of a gear are held apart.
+    pub(super) fn are_teeth_apart(&self) -> bool {
+        self.gears.iter().any(|gear| gear.mesh.is_apart())
+    }
+
     /// The first pair of teeth that meets or parts in a step of `step_s` between two looks, and its
     /// gear.
     pub(super) fn crossing(

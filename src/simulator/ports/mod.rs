@@ -38,6 +38,14 @@ const STRIDE: i64 = 64;
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
 
+/// In how many parts steps are taken while teeth are apart, and after they met or parted: the linear part
+/// holds a mesh that is closed, and what it then gives back is large.
+const PARTS_AFTER_TEETH: u32 = 2;
+
+/// For how long after teeth met or parted steps are taken in parts, s: the mesh's own motion has then
+/// died away.
+const RESTLESS_S: f64 = 1e-3;
+
 /// The run by which the stiffness of the contacts is taken: looks, and steps between two.
 const PILOT: (usize, usize) = (2000, 4);
 
@@ -70,7 +78,13 @@ pub struct PortRun {
     still: Turning,
     watched: Watched,
     grid: StepMap,
+    /// The same of a part of a step: see `parts_after_teeth`.
+    fine: StepMap,
     odd: StepMap,
+    /// Length for which `odd` is set, s.
+    odd_s: f64,
+    /// Half a step of the fine maps.
+    fine_turn: Moment,
     /// Half a step of the odd maps.
     odd_turn: Moment,
     speed_rad_per_s: f64,
@@ -79,6 +93,13 @@ pub struct PortRun {
     watched_every: i64,
     /// Whether steps are cut where balls touch or leave.
     cuts_at_contact: bool,
+    /// In how many parts a step is taken while teeth are apart and for a while after they met or
+    /// parted, and up to which step that is so.
+    parts_after_teeth: u32,
+    restless_until: i64,
+    /// Steps, parts of them and pieces taken so far; and how often balls touched or left in them.
+    n_taken: u64,
+    n_touches: u64,
     n_steps: i64,
     /// Angles at the next step, if the last one ended there.
     now: Option<Moment>,
@@ -180,11 +201,14 @@ impl PortRun {
             arch: Arch::new(),
             kept: Kept { list: Vec::new(), read: Vec::new(), now: Moment::at(0.0, &loads) },
             odd_turn: Moment::at(0.0, &loads),
+            fine_turn: Moment::at(0.0, &loads),
             loads,
             still: still(&ports, &steady),
             watched,
             grid: StepMap::new(&ported),
+            fine: StepMap::new(&ported),
             odd: StepMap::new(&ported),
+            odd_s: 0.0,
             model: model.clone(),
             list: vec![0.0; lanes::list_len(spectrum.values.len())],
             n_steps: first_step,
@@ -197,6 +221,10 @@ impl PortRun {
             step_s,
             watched_every: 1,
             cuts_at_contact: false,
+            parts_after_teeth: if model.gears.is_empty() { 1 } else { PARTS_AFTER_TEETH },
+            restless_until: i64::MIN,
+            n_taken: 0,
+            n_touches: 0,
             now: None,
             is_stale: true,
         };
@@ -209,6 +237,11 @@ impl PortRun {
     fn set_grid(&mut self) {
         let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s: self.step_s };
         self.arch.dispatch(set);
+        let step_s = self.step_s / f64::from(self.parts_after_teeth);
+        let set = SetStep { map: &mut self.fine, ported: &self.ported, step_s };
+        self.arch.dispatch(set);
+        self.fine_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+        self.odd_s = 0.0;
     }
 
     /// Runs a while and tells the mean tangent stiffness of every ball bearing, N/m: about it, what
@@ -273,6 +306,7 @@ impl PortRun {
         self.watched = Watched::new(linear, &ports, sensed);
         self.ported = ported(&self.spectrum, &ports, &self.watched);
         self.grid = StepMap::new(&self.ported);
+        self.fine = StepMap::new(&self.ported);
         self.odd = StepMap::new(&self.ported);
         self.set_grid();
         self.work.seen = vec![[0.0; WIDTH]; sensed.len().div_ceil(WIDTH)];
@@ -287,6 +321,27 @@ impl PortRun {
     #[must_use]
     pub fn n_watches(&self) -> usize {
         self.watched.still.len()
+    }
+
+    /// Takes steps in so many parts, not in two, while teeth are apart and for a while after they met or
+    /// parted. To be used before the first step.
+    #[must_use]
+    pub fn parting_after_teeth(mut self, parts: u32) -> Self {
+        self.parts_after_teeth = parts.max(1);
+        self.set_grid();
+        self
+    }
+
+    /// Steps taken so far, parts and pieces counted one by one, those that were taken back too.
+    #[must_use]
+    pub fn n_taken(&self) -> u64 {
+        self.n_taken
+    }
+
+    /// How often steps were cut because balls touched or left.
+    #[must_use]
+    pub fn n_touches(&self) -> u64 {
+        self.n_touches
     }
 
     /// Cuts steps where balls touch or leave, which keeps the order of four.

@@ -8,10 +8,10 @@
 
 use super::Sensed;
 use super::filter::LowPass;
-use crate::simulator::lanes::{self, Rows, WIDTH};
 use super::linearise::Ports;
-use crate::simulator::spectrum::Spectrum;
+use crate::simulator::lanes::{self, Rows, WIDTH};
 use crate::simulator::linear::{LinearSystem, Seen, Steady};
+use crate::simulator::spectrum::Spectrum;
 use nalgebra::Complex;
 
 /// A filter's state below this is none: far from what anything shows, and from the least number
@@ -168,7 +168,8 @@ impl Watched {
         let state = |own: &Own| {
             let begun = at(self.places.of_watch(own.pole, own.watch));
             let pushed = own.inputs.iter().enumerate();
-            let pushed = pushed.map(|(port, input)| input * at(self.places.of_port(own.pole, port)));
+            let pushed =
+                pushed.map(|(port, input)| input * at(self.places.of_port(own.pole, port)));
             begun + pushed.sum::<Complex<f64>>() + own.driven(motion, turn)
         };
         self.own.iter().map(state).collect()
