@@ -90,7 +90,7 @@ impl PortRun {
                 }
                 let is_whole = edge_s.is_none() && at_s <= begin_s;
                 let length = if is_whole { Length::Grid } else { Length::Odd(to_s - at_s) };
-                if !self.loads.gears.is_empty() && self.parts_after_teeth > 1 {
+                if self.parts_of_events > 1 {
                     self.go(simd, length, &mut now, &turn);
                 } else if self.cuts_at_contact || !self.loads.gears.is_empty() {
                     self.reach(simd, length, &mut now, &turn);
@@ -132,15 +132,15 @@ impl PortRun {
         self.loads.forces(simd, look, true, self.work.forces[0].as_flattened_mut());
     }
 
-    /// Goes a length in one step, or in parts where teeth are restless; a step in which they become so is
-    /// taken back. Forces at the start are known.
+    /// Goes a length in one step; or in parts, where teeth are restless or if a ball touches or leaves in
+    /// it (unless that is cut): the step is taken back then. Forces at the start are known.
     fn go<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         if self.n_steps > self.restless_until && !self.loads.are_teeth_apart() {
             if !self.reach_calmly(simd, length, now, turn) {
                 return;
             }
         }
-        let n_parts = self.parts_after_teeth;
+        let n_parts = self.parts_of_events;
         let part = match length {
             Length::Grid | Length::Fine => Length::Fine,
             Length::Odd(step_s) => Length::Odd(step_s / f64::from(n_parts)),
@@ -153,7 +153,7 @@ impl PortRun {
         }
     }
 
-    /// Goes a length unless teeth meet or part in it; whether they do, and nothing is done.
+    /// Goes a length unless it needs parts; whether it does, and nothing is done.
     fn reach_calmly<S: Simd>(
         &mut self,
         simd: S,
@@ -170,6 +170,10 @@ impl PortRun {
         }
         if event.is_some() {
             self.follow(simd, event, whole_s, now, turn);
+        } else if !self.cuts_at_contact && self.loads.has_touched() {
+            self.n_touches += 1;
+            self.restore(now);
+            return true;
         }
         false
     }
@@ -178,7 +182,7 @@ impl PortRun {
     fn length_s(&self, length: Length) -> f64 {
         match length {
             Length::Grid => self.step_s,
-            Length::Fine => self.step_s / f64::from(self.parts_after_teeth),
+            Length::Fine => self.step_s / f64::from(self.parts_of_events),
             Length::Odd(step_s) => step_s,
         }
     }
@@ -344,7 +348,6 @@ impl PortRun {
 
     #[inline(always)]
     fn steps<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        self.n_taken += 1;
         let (map, turn) = match length {
             Length::Grid => (&self.grid, turn),
             Length::Fine => (&self.fine, &self.fine_turn),

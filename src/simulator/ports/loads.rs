@@ -257,6 +257,7 @@ pub(super) fn held(mesh: &Mesh) -> (f64, f64) {
 
 impl Gear {
     /// What the mesh sees: a port's motion is away from the flank.
+    #[inline]
     fn moment(&self, look: Look<'_>) -> mesh::Moment {
         let mut moment = mesh::Moment {
             gear_rad: look.now.shaft_rad,
@@ -270,6 +271,7 @@ impl Gear {
         moment
     }
 
+    #[inline]
     fn force(&mut self, look: Look<'_>, out: &mut [f64]) {
         let moment = self.moment(look);
         let forces = self.mesh.force(moment.gear_rad, moment.approach_m, moment.rate_m_per_s);

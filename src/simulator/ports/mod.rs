@@ -38,9 +38,10 @@ const STRIDE: i64 = 64;
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
 
-/// In how many parts steps are taken while teeth are apart, and after they met or parted: the linear part
-/// holds a mesh that is closed, and what it then gives back is large.
-const PARTS_AFTER_TEETH: u32 = 2;
+/// In how many parts steps are taken where balls touch or leave, whose force no polynomial follows, and
+/// while teeth are apart or have just met or parted: the linear part holds a mesh that is closed, and what it
+/// then gives back is large.
+const PARTS_OF_EVENTS: u32 = 2;
 
 /// For how long after teeth met or parted steps are taken in parts, s: the mesh's own motion has then
 /// died away.
@@ -78,7 +79,7 @@ pub struct PortRun {
     still: Turning,
     watched: Watched,
     grid: StepMap,
-    /// The same of a part of a step: see `parts_after_teeth`.
+    /// The same of a part of a step: see `parts_of_events`.
     fine: StepMap,
     odd: StepMap,
     /// Length for which `odd` is set, s.
@@ -93,12 +94,11 @@ pub struct PortRun {
     watched_every: i64,
     /// Whether steps are cut where balls touch or leave.
     cuts_at_contact: bool,
-    /// In how many parts a step is taken while teeth are apart and for a while after they met or
-    /// parted, and up to which step that is so.
-    parts_after_teeth: u32,
+    /// In how many parts a step is taken in which balls touch, or while teeth are restless, and up to
+    /// which step they are.
+    parts_of_events: u32,
     restless_until: i64,
-    /// Steps, parts of them and pieces taken so far; and how often balls touched or left in them.
-    n_taken: u64,
+    /// In how many steps balls touched or left so far.
     n_touches: u64,
     n_steps: i64,
     /// Angles at the next step, if the last one ended there.
@@ -221,9 +221,8 @@ impl PortRun {
             step_s,
             watched_every: 1,
             cuts_at_contact: false,
-            parts_after_teeth: if model.gears.is_empty() { 1 } else { PARTS_AFTER_TEETH },
+            parts_of_events: PARTS_OF_EVENTS,
             restless_until: i64::MIN,
-            n_taken: 0,
             n_touches: 0,
             now: None,
             is_stale: true,
@@ -237,7 +236,7 @@ impl PortRun {
     fn set_grid(&mut self) {
         let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s: self.step_s };
         self.arch.dispatch(set);
-        let step_s = self.step_s / f64::from(self.parts_after_teeth);
+        let step_s = self.step_s / f64::from(self.parts_of_events);
         let set = SetStep { map: &mut self.fine, ported: &self.ported, step_s };
         self.arch.dispatch(set);
         self.fine_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
@@ -323,22 +322,17 @@ impl PortRun {
         self.watched.still.len()
     }
 
-    /// Takes steps in so many parts, not in two, while teeth are apart and for a while after they met or
-    /// parted. To be used before the first step.
+    /// Takes steps in so many parts, not in two, where balls touch or teeth are restless. To be used
+    /// before the first step.
+    #[cfg(test)]
     #[must_use]
-    pub fn parting_after_teeth(mut self, parts: u32) -> Self {
-        self.parts_after_teeth = parts.max(1);
+    fn with_parts_of_events(mut self, parts: u32) -> Self {
+        self.parts_of_events = parts.max(1);
         self.set_grid();
         self
     }
 
-    /// Steps taken so far, parts and pieces counted one by one, those that were taken back too.
-    #[must_use]
-    pub fn n_taken(&self) -> u64 {
-        self.n_taken
-    }
-
-    /// How often steps were cut because balls touched or left.
+    /// In how many steps balls touched or left so far.
     #[must_use]
     pub fn n_touches(&self) -> u64 {
         self.n_touches

@@ -98,7 +98,7 @@ impl Ported {
     /// What is read of a free motion, into the first numbers of `out`.
     #[inline(always)]
     pub(super) fn read<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
-        self.early.times(simd, list, out);
+        self.early.times(simd, list, &mut out[..self.n_out.div_ceil(WIDTH)]);
     }
 }
 
@@ -237,10 +237,12 @@ impl StepMap {
         let place = port * n.div_ceil(WIDTH) * WIDTH;
         let at = place..place + n;
         product(simd, &self.half_force, input, &mut self.column);
-        ported.early.times(simd, &self.column, &mut self.sums);
+        // The later blocks of the rows of now are empty.
+        let n_now = n.div_ceil(WIDTH);
+        ported.early.times(simd, &self.column, &mut self.sums[..n_now]);
         let sums = self.sums.as_flattened();
         self.stage.as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
-        self.free.times(simd, &self.column, &mut self.sums);
+        self.free.times(simd, &self.column, &mut self.sums[..n_now]);
         let sums = self.sums.as_flattened();
         self.carried.as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
         for kind in 0..3 {
@@ -250,7 +252,7 @@ impl StepMap {
                 let start = g * 3 * n_in * GROUP + place;
                 self.columns[start..start + GROUP].copy_from_slice(group);
             }
-            ported.early.times(simd, &self.column, &mut self.sums);
+            ported.early.times(simd, &self.column, &mut self.sums[..n_now]);
             let sums = self.sums.as_flattened();
             self.weighted[kind].as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
         }

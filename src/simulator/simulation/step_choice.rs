@@ -1,7 +1,7 @@
 //! The step of a motion with contacts, by the error it is measured to make (equation R34).
 //!
-//! The first moments of the scene are run with a step and with its half; what the sensors see of
-//! the difference tells the error, and the largest step that keeps the accuracy asked for is taken.
+//! The beginning of the scene is run with a step and with its half; what the sensors see of the
+//! difference tells the error, and the largest step that keeps the accuracy asked for is taken.
 
 use crate::simulator::model::Model;
 use crate::simulator::ports::{PortRun, Sensed, StateRef};
@@ -35,8 +35,8 @@ const TRIAL_S: (f64, f64) = (0.1, 0.25);
 /// leave, 1/(1 − 2^−2.5).
 const OF_DIFFERENCE: f64 = 1.22;
 
-/// The same where steps are cut at touches of balls: what is left depends on where in its step a touch
-/// falls, and neighbouring steps differ by twice.
+/// The same where balls touch or leave: what is left depends on where in its step a touch falls, and
+/// neighbouring steps differ by up to twice.
 const OF_DIFFERENCE_AT_TOUCHES: f64 = 1.8;
 
 /// Steps that differ by less than this factor are not told apart.
