@@ -4,10 +4,13 @@
 //! The state is (ω·q, q̇) of both planes, so that all entries of the system are of one size. Must not
 //! know scenes.
 
+mod run;
+
 use super::etd::Load;
 use super::model::{MAX_SHAFTS, Model, TurningLoads};
 use super::run::{Quantity, Watch};
 use nalgebra::{DMatrix, DVector};
+pub use run::LinearRun;
 use std::f64::consts::TAU;
 
 /// The system ẏ = A·y + b + Σ Re(c·e^{iφ}), φ = Ω·t of every shaft, of a model at constant speed.
@@ -223,13 +226,18 @@ impl Steady {
         still
     }
 
+    /// Number of shafts.
+    pub(super) fn n_shafts(&self) -> usize {
+        self.turning.len()
+    }
+
     /// Speed of every shaft, rad/s.
     pub(super) fn speeds_rad_per_s(&self, system: &LinearSystem) -> impl Iterator<Item = f64> {
         self.turning.iter().map(|phasor| phasor.turns * system.speed_rad_per_s)
     }
 
-    /// Largest entry of its parts.
-    fn amax(&self) -> f64 {
+    /// Largest part of the state.
+    fn largest(&self) -> f64 {
         let turning = self.turning.iter().map(|phasor| phasor.re.amax().max(phasor.im.amax()));
         turning.fold(self.constant.amax(), f64::max)
     }
@@ -255,128 +263,6 @@ impl Steady {
 pub(super) struct Seen {
     pub(super) row: DVector<f64>,
     pub(super) still: Still,
-}
-
-/// A model without contacts in motion at constant speed, sampled at a fixed rate.
-#[derive(Debug, Clone)]
-pub struct LinearRun {
-    system: LinearSystem,
-    steady: Steady,
-    seen: Vec<Seen>,
-    /// Propagator of one sample and the free state; `None`: it has died out.
-    free: Option<(DMatrix<f64>, DVector<f64>)>,
-    speed_hz: f64,
-    rate_hz: f64,
-    n_samples: u64,
-    turn: Vec<(f64, f64)>,
-}
-
-/// Free motions smaller than this part of what they began with are rounding.
-const DIED_OUT: f64 = 1e-18;
-
-impl LinearRun {
-    /// A run at the speed of `model`, of one shaft, from the state given or from the steady motion; `None`
-    /// if there is no steady motion, or a second shaft.
-    #[must_use]
-    pub fn new(
-        model: &Model,
-        speed_hz: f64,
-        watches: &[Watch],
-        rate_hz: f64,
-        state: Option<(&[f64], &[f64])>,
-    ) -> Option<Self> {
-        if model.shafts.len() > 1 {
-            return None;
-        }
-        let system = LinearSystem::new(model, TAU * speed_hz);
-        let steady = system.steady(model)?;
-        let mut run = Self {
-            seen: watches.iter().map(|watch| Seen::by(&system, &steady, watch)).collect(),
-            system,
-            steady,
-            free: None,
-            speed_hz,
-            rate_hz,
-            n_samples: 0,
-            turn: Vec::new(),
-        };
-        if let Some((q, v)) = state {
-            run.begin_at(q, v);
-        }
-        Some(run)
-    }
-
-    fn begin_at(&mut self, q: &[f64], v: &[f64]) {
-        let free = self.system.state(q, v) - self.steady.state(self.angle_rad(self.n_samples));
-        self.free = Some((self.system.propagator(1.0 / self.rate_hz), free));
-    }
-
-    /// Shaft angle at a sample, rad, within a turn.
-    fn angle_rad(&self, sample: u64) -> f64 {
-        let turns = self.speed_hz * (sample as f64 / self.rate_hz);
-        TAU * (turns - turns.round())
-    }
-
-    /// Displacements and velocities at the next sample.
-    #[must_use]
-    pub fn state(&self) -> (Vec<f64>, Vec<f64>) {
-        let steady = self.steady.state(self.angle_rad(self.n_samples));
-        let whole = self.free.as_ref().map_or(steady.clone(), |(_, free)| &steady + free);
-        self.system.coordinates(&whole)
-    }
-
-    /// Exchanges the loads and keeps the motion; `false` if there is no steady motion under them.
-    pub fn set_loads(&mut self, model: &Model, watches: &[Watch]) -> bool {
-        let Some(steady) = self.system.steady(model) else { return false };
-        let (q, v) = self.state();
-        self.seen = watches.iter().map(|watch| Seen::by(&self.system, &steady, watch)).collect();
-        self.steady = steady;
-        self.begin_at(&q, &v);
-        true
-    }
-
-    /// Writes the next samples of every watch, as many as `out` is long in each.
-    ///
-    /// # Panics
-    ///
-    /// If `out` does not have one list a watch.
-    pub fn fill(&mut self, n: usize, out: &mut [Vec<f64>]) {
-        assert_eq!(out.len(), self.seen.len(), "one list a watch");
-        self.turn.clear();
-        let start = self.angle_rad(self.n_samples);
-        let (sin, cos) = start.sin_cos();
-        let (step_sin, step_cos) = (TAU * self.speed_hz / self.rate_hz).sin_cos();
-        let (mut c, mut s) = (cos, sin);
-        for _ in 0..n {
-            self.turn.push((c, s));
-            (c, s) = (c * step_cos - s * step_sin, s * step_cos + c * step_sin);
-        }
-        for (list, seen) in out.iter_mut().zip(&self.seen) {
-            let [constant, cos, sin, ..] = seen.still;
-            list.clear();
-            list.extend(self.turn.iter().map(|(c, s)| constant + cos * c + sin * s));
-        }
-        self.n_samples += n as u64;
-        self.add_free(n, out);
-    }
-
-    fn add_free(&mut self, n: usize, out: &mut [Vec<f64>]) {
-        let Some((propagator, mut free)) = self.free.take() else { return };
-        let mut next = free.clone();
-        let before = free.amax();
-        for i in 0..n {
-            for (list, seen) in out.iter_mut().zip(&self.seen) {
-                list[i] += seen.row.dot(&free);
-            }
-            next.gemv(1.0, &propagator, &free, 0.0);
-            std::mem::swap(&mut next, &mut free);
-        }
-        let scale = self.steady.amax();
-        let gone = free.amax() < DIED_OUT * scale || (free.amax() <= 0.0 && before <= 0.0);
-        if !gone {
-            self.free = Some((propagator, free));
-        }
-    }
 }
 
 impl Seen {

@@ -62,15 +62,9 @@ pub(super) struct Look<'a> {
 impl Moment {
     /// The angles of shafts and cages when the first shaft's is this.
     pub(super) fn at(shaft_rad: f64, loads: &Loads) -> Self {
-        let unit = |angle: f64| {
-            let (sin, cos) = angle.sin_cos();
-            (cos, sin)
-        };
-        Self {
-            shaft_rad,
-            shafts: loads.turns.map(|turns| unit(turns * shaft_rad)),
-            cages: loads.seats.iter().map(|seat| unit(seat.cage_turns * shaft_rad)).collect(),
-        }
+        let mut moment = Self { shaft_rad, shafts: [(1.0, 0.0); MAX_SHAFTS], cages: Vec::new() };
+        moment.set(shaft_rad, loads);
+        moment
     }
 
     /// Goes on by these angles.
@@ -86,15 +80,29 @@ impl Moment {
         }
     }
 
+    /// cos and sin of every shaft's angle.
+    pub(super) fn shafts(&self) -> &[(f64, f64)] {
+        &self.shafts
+    }
+
+    /// The moment at which the first shaft has this angle.
+    pub(super) fn set(&mut self, shaft_rad: f64, loads: &Loads) {
+        let unit = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            (cos, sin)
+        };
+        (self.shaft_rad, self.shafts) =
+            (shaft_rad, loads.turns.map(|turns| unit(turns * shaft_rad)));
+        self.cages.clear();
+        self.cages.extend(loads.seats.iter().map(|seat| unit(seat.cage_turns * shaft_rad)));
+    }
+
     /// Constant + cos and sin parts.
     #[inline(always)]
     pub(super) fn of(&self, still: &Still) -> f64 {
-        let [first, second] = self.shafts;
-        still[0]
-            + still[1] * first.0
-            + still[2] * first.1
-            + still[3] * second.0
-            + still[4] * second.1
+        let [constant, parts @ ..] = still;
+        let turning = parts.chunks_exact(2).zip(&self.shafts);
+        constant + turning.map(|(part, (cos, sin))| part[0] * cos + part[1] * sin).sum::<f64>()
     }
 }
 
@@ -183,6 +191,11 @@ impl Loads {
         }
     }
 
+    /// Whether drive flanks of a gear are held apart.
+    pub(super) fn are_teeth_apart(&self) -> bool {
+        self.gears.iter().any(|gear| gear.mesh.is_apart())
+    }
+
     /// The first pair of teeth that meets or parts in a step of `step_s` between two looks, and its
     /// gear.
     pub(super) fn crossing(
@@ -256,6 +269,7 @@ pub(super) fn held(mesh: &Mesh) -> (f64, f64) {
 
 impl Gear {
     /// What the mesh sees: a port's motion is away from the flank.
+    #[inline]
     fn moment(&self, look: Look<'_>) -> mesh::Moment {
         let mut moment = mesh::Moment {
             gear_rad: look.now.shaft_rad,
@@ -269,6 +283,7 @@ impl Gear {
         moment
     }
 
+    #[inline]
     fn force(&mut self, look: Look<'_>, out: &mut [f64]) {
         let moment = self.moment(look);
         let forces = self.mesh.force(moment.gear_rad, moment.approach_m, moment.rate_m_per_s);
