@@ -185,7 +185,7 @@ fn computed(plan: &Plan) -> String {
     }
     let cuts = if plan.cuts_at_contact { ", and where balls touch or leave" } else { "" };
     let by = if plan.is_error_measured {
-        "measured on its first 0.05 s against steps of half the length"
+        "measured on its beginning against steps of half the length"
     } else {
         "by the errors measured in the tables (docs/simulator.md)"
     };

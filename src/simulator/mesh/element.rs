@@ -19,7 +19,7 @@ pub struct Mesh {
     mean_n_per_m: f64,
     /// Pairs that may touch in the present step, on the drive and on the back flanks.
     pub(super) active: [Vec<Active>; 2],
-    /// Angle of the gear for which places and stiffnesses of the active pairs are known.
+    /// Angle of the gear for which the places of the active pairs are known.
     known_rad: Option<f64>,
     peak_force_n: f64,
     has_parted: bool,
@@ -35,9 +35,11 @@ pub(super) struct Active {
     gap: Gap,
     /// Whether it touches; `None`: wherever its gap is closed.
     touches: Option<bool>,
-    /// At the angle that is known: approach from which its gap is closed, m, and stiffness, N/m.
+    /// At the angle that is known: approach from which its gap is closed, m, place on the path, m, and,
+    /// once it was asked for, stiffness, N/m.
     free_m: f64,
-    stiffness_n_per_m: f64,
+    at_m: f64,
+    stiffness_n_per_m: Option<f64>,
 }
 
 /// Angle of the gear, rad, and approach and its rate of both flanks, m and m/s, at one moment.
@@ -158,15 +160,15 @@ impl Mesh {
                     let at = if flank == 0 { s } else { -s };
                     let piece = self.pairs[pair].stiffness[flank].piece(at);
                     let gap = self.pairs[pair].gap[flank];
-                    let (free_m, stiffness_n_per_m) = (0.0, 0.0);
                     active.push(Active {
                         pitch_point_rad,
                         pair,
                         piece,
                         gap,
                         touches: None,
-                        free_m,
-                        stiffness_n_per_m,
+                        free_m: 0.0,
+                        at_m: 0.0,
+                        stiffness_n_per_m: None,
                     });
                 }
                 n += 1.0;
@@ -186,8 +188,8 @@ impl Mesh {
         (play + active.gap.at(xi), at)
     }
 
-    /// Finds places and stiffnesses of the active pairs at this angle, unless they are known: stages of a
-    /// step share their angles.
+    /// Finds the places of the active pairs at this angle, unless they are known: stages of a step share
+    /// their angles.
     #[inline]
     fn know(&mut self, gear_rad: f64) {
         if self.known_rad == Some(gear_rad) {
@@ -198,9 +200,8 @@ impl Mesh {
             for i in 0..self.active[flank].len() {
                 let active = &self.active[flank][i];
                 let (free_m, at) = self.free((flank, active), gear_rad);
-                let stiffness = self.pairs[active.pair].stiffness[flank].at(active.piece, at);
                 let active = &mut self.active[flank][i];
-                (active.free_m, active.stiffness_n_per_m) = (free_m, stiffness);
+                (active.free_m, active.at_m, active.stiffness_n_per_m) = (free_m, at, None);
             }
         }
     }
@@ -218,10 +219,14 @@ impl Mesh {
         let mut forces = [0.0; 2];
         for flank in self.flanks() {
             let (mut force, mut touch) = (0.0, false);
-            for active in &self.active[flank] {
+            for active in &mut self.active[flank] {
                 let closed = approach_m[flank] - active.free_m;
                 if active.touches.unwrap_or(closed > 0.0) {
-                    force += closed * active.stiffness_n_per_m;
+                    let curve = &self.pairs[active.pair].stiffness[flank];
+                    let known = active.stiffness_n_per_m;
+                    let stiffness = known.unwrap_or_else(|| curve.at(active.piece, active.at_m));
+                    active.stiffness_n_per_m = Some(stiffness);
+                    force += closed * stiffness;
                     touch = true;
                 }
             }

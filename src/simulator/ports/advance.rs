@@ -135,10 +135,9 @@ impl PortRun {
     /// Goes a length in one step; or in parts, where teeth are restless or if a ball touches or leaves in
     /// it (unless that is cut): the step is taken back then. Forces at the start are known.
     fn go<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        if self.n_steps > self.restless_until && !self.loads.are_teeth_apart() {
-            if !self.reach_calmly(simd, length, now, turn) {
-                return;
-            }
+        let is_calm = self.n_steps > self.restless_until && !self.loads.are_teeth_apart();
+        if is_calm && !self.reach_calmly(simd, length, now, turn) {
+            return;
         }
         let n_parts = self.parts_of_events;
         let part = match length {

@@ -201,9 +201,10 @@ impl StepMap {
             for g in 0..block.len() / GROUP {
                 for k in 0..WIDTH {
                     let (re, im) = (g * GROUP + k, g * GROUP + WIDTH + k);
-                    let [half_re, half_im, whole_re, whole_im] =
-                        [self.half[re], self.half[im], self.whole[re], self.whole[im]]
-                            .map(|x| simd.splat_f64s(x));
+                    let half_re = simd.splat_f64s(self.half[re]);
+                    let half_im = simd.splat_f64s(self.half[im]);
+                    let whole_re = simd.splat_f64s(self.whole[re]);
+                    let whole_im = simd.splat_f64s(self.whole[im]);
                     let (early_re, _) = S::as_simd_f64s(&early[re]);
                     let (early_im, _) = S::as_simd_f64s(&early[im]);
                     let (late_re, _) = S::as_simd_f64s(&late[re]);

@@ -102,7 +102,7 @@ impl Watched {
                 continue;
             };
             let filter = LowPass::butterworth(corner_hz);
-            let known = corners_hz.iter().position(|known| *known == corner_hz);
+            let known = corners_hz.iter().position(|known| known.to_bits() == corner_hz.to_bits());
             let number = known.unwrap_or(corners_hz.len());
             if known.is_none() {
                 corners_hz.push(corner_hz);

@@ -100,7 +100,7 @@ fn search(accuracy: f64, (first, last): (u32, u32), error: impl Fn(u32) -> f64) 
     let (mut too_few, mut steps) = (None, first);
     let mut found = error(steps);
     // NaN counts as too large.
-    while !(found <= accuracy) {
+    while found.is_nan() || found > accuracy {
         let by_order = SHORTER.0 * (accuracy / found).sqrt().sqrt();
         let more = f64::from(steps) / by_order.min(SHORTER.1);
         if more.is_nan() || more > f64::from(last) {
