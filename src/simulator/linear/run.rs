@@ -22,6 +22,9 @@ const LEAST: f64 = 1e-150;
 /// Chunks from one look at what has died out to the next.
 const LOOKS: u64 = 32;
 
+/// Chunks from one exact evaluation of the shaft's angle to the next.
+const TURNS: u64 = 16;
+
 /// Numbers of the steady motion before those of the free one.
 const N_STEADY: usize = 3;
 
@@ -40,6 +43,8 @@ pub struct LinearRun {
     origin: u64,
     /// What each watch sees in the present chunk: eight samples a watch.
     chunk: Vec<Block>,
+    /// cos and sin of what the shaft turns in a chunk.
+    chunk_turn: (f64, f64),
     /// Numbers at the chunk's beginning, and of each the eight samples of every watch it makes.
     amounts: Vec<f64>,
     columns: Vec<Block>,
@@ -92,6 +97,10 @@ impl LinearRun {
             rate_hz,
             n_samples: 0,
             origin: 0,
+            chunk_turn: {
+                let (sin, cos) = (TAU * speed_hz / rate_hz * WIDTH as f64).sin_cos();
+                (cos, sin)
+            },
             amounts: Vec::new(),
             columns: Vec::new(),
         };
@@ -221,8 +230,7 @@ impl LinearRun {
         while left > 0 {
             let taken = self.n_taken();
             if taken == 0 {
-                let (sin, cos) = self.angle_rad(self.n_samples).sin_cos();
-                (self.amounts[1], self.amounts[2]) = (cos, sin);
+                self.turn();
                 self.chunk.fill([0.0; WIDTH]);
                 lanes::push(simd, &self.columns, &self.amounts, &mut self.chunk);
             }
@@ -236,6 +244,20 @@ impl LinearRun {
                 self.carry_free();
             }
         }
+    }
+
+    /// Brings cos φ and sin φ to the chunk that begins.
+    #[inline(always)]
+    fn turn(&mut self) {
+        let (cos, sin) = (self.amounts[1], self.amounts[2]);
+        let (by_cos, by_sin) = self.chunk_turn;
+        let n_chunks = (self.n_samples - self.origin) / WIDTH as u64;
+        let (sin, cos) = if n_chunks.is_multiple_of(TURNS) {
+            self.angle_rad(self.n_samples).sin_cos()
+        } else {
+            (sin * by_cos + cos * by_sin, cos * by_cos - sin * by_sin)
+        };
+        (self.amounts[1], self.amounts[2]) = (cos, sin);
     }
 
     /// Carries the free motion's coordinates over a chunk.
