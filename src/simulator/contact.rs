@@ -1,7 +1,7 @@
 //! A ball bearing in motion: load of every ball by Hertz, localised defects, waviness
 //! (equations R10–R13).
 //!
-//! The outer ring stands, the inner turns with the shaft. All angles follow from the shaft angle
+//! The outer ring stands, the inner turns with its shaft. All angles follow from that of the first shaft
 //! alone, so the edges of defects are known beforehand: [`Contacts::edges`]. Must not know shafts
 //! or time.
 
@@ -12,15 +12,17 @@ use std::f64::consts::{PI, TAU};
 pub struct BallBearing {
     /// Number of balls n.
     pub balls: u32,
+    /// Turns of its shaft to one of the first; below 0 against it.
+    pub turns: f64,
     /// Load-deflection factor of the two contacts in series, N/m^1.5.
     pub contact_factor: f64,
     /// Radial clearance c, m; negative: interference.
     pub clearance_m: f64,
-    /// Cage speed ÷ shaft speed.
+    /// Cage speed ÷ speed of its shaft.
     pub cage_ratio: f64,
-    /// Ball spin speed ÷ shaft speed.
+    /// Ball spin speed ÷ speed of its shaft.
     pub spin_ratio: f64,
-    /// Angle of the first ball when the shaft angle is 0, rad.
+    /// Angle of the first ball when the shafts' angle is 0, rad.
     pub first_ball_rad: f64,
     /// Viscous damping of the bearing, N·s/m, in each direction.
     pub damping_n_s_per_m: f64,
@@ -90,6 +92,14 @@ pub struct Wave {
     pub phase_rad: f64,
 }
 
+impl BallBearing {
+    /// Turns of the cage to one of the first shaft.
+    #[must_use]
+    pub fn cage_turns(&self) -> f64 {
+        self.cage_ratio * self.turns
+    }
+}
+
 impl Profile {
     /// Drop, m, at a place ψ from the middle of a defect of half width β, |ψ| ≤ β.
     fn drop_m(self, place_rad: f64, half_width_rad: f64) -> f64 {
@@ -147,13 +157,14 @@ impl Contacts {
         let seat = |j: u32| TAU * f64::from(j) / n + bearing.first_ball_rad;
         let seats: Vec<(f64, f64)> =
             (0..bearing.balls).map(|j| (seat(j).cos(), seat(j).sin())).collect();
+        let (cage, spin) = (bearing.cage_turns(), bearing.spin_ratio * bearing.turns);
         let mut passages = Vec::new();
         for defect in &bearing.defects {
             for j in 0..bearing.balls {
                 let (offset_rad, rate, period_rad) = match defect.place {
-                    DefectPlace::InnerRace => (seat(j), bearing.cage_ratio - 1.0, TAU),
-                    DefectPlace::OuterRace => (seat(j), bearing.cage_ratio, TAU),
-                    DefectPlace::Element(ball) if ball == j => (0.0, bearing.spin_ratio, PI),
+                    DefectPlace::InnerRace => (seat(j), cage - bearing.turns, TAU),
+                    DefectPlace::OuterRace => (seat(j), cage, TAU),
+                    DefectPlace::Element(ball) if ball == j => (0.0, spin, PI),
                     DefectPlace::Element(_) => continue,
                 };
                 passages.push(Passage {
@@ -235,7 +246,7 @@ impl Contacts {
         if self.bearing.waves.is_empty() {
             return;
         }
-        let turned = (self.bearing.cage_ratio - 1.0) * shaft_rad;
+        let turned = (self.bearing.cage_turns() - self.bearing.turns) * shaft_rad;
         for ((seat_cos, seat_sin), gap) in self.seats.iter().zip(out) {
             let from_mark = seat_sin.atan2(*seat_cos) + turned;
             for wave in &self.bearing.waves {
@@ -248,7 +259,7 @@ impl Contacts {
     /// Force on the shaft, N, for its displacement and velocity at the bearing (R10, R11).
     pub fn force(&mut self, shaft_rad: f64, [x, y]: [f64; 2], [vx, vy]: [f64; 2]) -> [f64; 2] {
         let bearing = &self.bearing;
-        let (sin, cos) = (bearing.cage_ratio * shaft_rad).sin_cos();
+        let (sin, cos) = (bearing.cage_turns() * shaft_rad).sin_cos();
         for &index in &self.active {
             let passage = &self.passages[index];
             self.drops_m[passage.ball] = 0.0;
@@ -264,7 +275,7 @@ impl Contacts {
             let s = sin * seat_cos + cos * seat_sin;
             let mut approach = x * c + y * s - bearing.clearance_m - self.drops_m[ball];
             for wave in &bearing.waves {
-                let from_mark = s.atan2(c) - shaft_rad;
+                let from_mark = s.atan2(c) - bearing.turns * shaft_rad;
                 let turned = f64::from(wave.order) * from_mark + wave.phase_rad;
                 approach += wave.amplitude_m * turned.cos();
             }
@@ -318,6 +329,7 @@ mod tests {
     pub(super) fn rig_bearing(defects: Vec<Defect>) -> BallBearing {
         BallBearing {
             balls: 11,
+            turns: 1.0,
             contact_factor: 9.239e9,
             clearance_m: -0.5e-6,
             cage_ratio: 1.0 / 2.62,
@@ -379,6 +391,37 @@ mod tests {
         }
         let changes = edges.iter().filter(|e| sides(*e - 1e-9) != sides(*e + 1e-9)).count();
         assert_eq!(changes, edges.len(), "each edge changes something");
+    }
+
+    #[test]
+    fn a_bearing_of_a_faster_shaft_is_the_same_at_that_shafts_angle() {
+        let ball = Defect { place: DefectPlace::Element(4), ..inner_step(0.1) };
+        let outer = Defect { place: DefectPlace::OuterRace, ..inner_step(0.02) };
+        let wave = Wave { order: 3, amplitude_m: 2e-7, phase_rad: 0.4 };
+        let own =
+            BallBearing { waves: vec![wave], ..rig_bearing(vec![inner_step(0.05), outer, ball]) };
+        let turns = -48.0 / 19.0;
+        let mut geared = Contacts::new(BallBearing { turns, ..own.clone() });
+        let mut alone = Contacts::new(own);
+        for step in 0..500 {
+            let first_rad = 0.0371 * f64::from(step);
+            geared.set_side(first_rad);
+            alone.set_side(turns * first_rad);
+            let at = [2e-7 * f64::from(step % 7), -1e-7];
+            let [a, b] = [
+                geared.force(first_rad, at, [0.0; 2]),
+                alone.force(turns * first_rad, at, [0.0; 2]),
+            ];
+            // Angles of some hundred rad, rounded: 1e-13 of forces up to 20 N.
+            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9, "{step}: {a:?} {b:?}");
+        }
+        let (mut of_geared, mut of_alone) = (Vec::new(), Vec::new());
+        geared.edges(0.0, 20.0, &mut of_geared);
+        alone.edges(0.0, turns * 20.0, &mut of_alone);
+        of_geared.sort_by(f64::total_cmp);
+        of_alone.sort_by(|a, b| b.total_cmp(a));
+        assert_eq!(of_geared.len(), of_alone.len());
+        assert!(of_geared.iter().zip(&of_alone).all(|(a, b)| (a * turns - b).abs() < 1e-9));
     }
 
     #[test]

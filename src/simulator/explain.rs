@@ -2,7 +2,7 @@
 
 use super::build::{self, Plan};
 use super::mesh::Root;
-use super::scene::{BearingKind, Scene, SceneGear, Start};
+use super::scene::{BearingKind, Scene, SceneGear, SceneMate, Start};
 use super::simulation::Simulation;
 use super::speed::SpeedProfile;
 use std::f64::consts::TAU;
@@ -39,8 +39,9 @@ fn modelled(scene: &Scene, plan: &Plan) -> Vec<String> {
     let lowest: Vec<String> = plan.lowest_hz.iter().map(|hz| format!("{hz:.2}")).collect();
     let mut lines = vec![
         format!(
-            "shaft and {} discs: {} degrees of freedom a plane, reduced to {} modes (lowest {} Hz, highest {:.0} Hz; \
+            "{} and {} discs: {} degrees of freedom a plane, reduced to {} modes (lowest {} Hz, highest {:.0} Hz; \
              sensors see up to {:.0} Hz) and {} static attachment shapes",
+            if scene.shafts.len() > 1 { "two geared shafts" } else { "shaft" },
             scene.discs.len(),
             plan.n_dof,
             plan.n_modes,
@@ -109,15 +110,29 @@ fn meshing(scene: &Scene, plan: &Plan, gear: &SceneGear) -> Vec<String> {
             gear.faults.len()
         ),
         format!(
-            "its mate turns as the speed says; torque {} N·m, mean mesh force {:.2} N; {per_turn:.0} events a turn where \
+            "its mate {}; torque {} N·m, mean mesh force {:.2} N; {per_turn:.0} events a turn where \
              pairs meet and part, {:.0} a second",
+            match gear.mate {
+                SceneMate::Prescribed => "turns as the speed says, its centre at rest".to_owned(),
+                SceneMate::Shaft(mate) => format!(
+                    "sits on shaft {}, {:.4} turns to one of the first, driven through a coupling of {:.3e} N·m/rad",
+                    scene.shafts[1].id,
+                    scene.turns(1),
+                    mate.coupling_n_m_per_rad
+                ),
+            },
             gear.torque_n_m,
             gear.torque_n_m.abs() / design.gear.base_radius_m(),
             per_turn * fastest_hz
         ),
         format!(
             "torsion: {} ({} shapes, lowest {:.1} Hz with the mesh in them)",
-            if gear.is_rigid { "the shaft turns as a whole" } else { "a rod with discs" },
+            match (gear.is_rigid, gear.mate) {
+                (true, SceneMate::Prescribed) => "the shaft turns as a whole",
+                (true, SceneMate::Shaft(_)) => "each shaft turns as a whole",
+                (false, SceneMate::Prescribed) => "a rod with discs",
+                (false, SceneMate::Shaft(_)) => "two rods with discs, joined by the mesh",
+            },
             plan.n_torsion,
             plan.torsion_hz
         ),
@@ -170,7 +185,7 @@ fn computed(plan: &Plan) -> String {
     }
     let cuts = if plan.cuts_at_contact { ", and where balls touch or leave" } else { "" };
     let by = if plan.is_error_measured {
-        "measured on its first 0.05 s against steps of half the length"
+        "measured on its beginning against steps of half the length"
     } else {
         "by the errors measured in the tables (docs/simulator.md)"
     };

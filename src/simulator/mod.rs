@@ -23,6 +23,8 @@ pub mod model;
 pub mod run;
 pub mod reference;
 pub mod sensor;
+mod lanes;
+mod spectrum;
 pub mod linear;
 pub mod ports;
 pub mod scene;

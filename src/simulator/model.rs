@@ -1,14 +1,14 @@
-//! The rotor on its bearings as oscillators under load: the constant model of a run
-//! (equations R6–R11).
+//! The rotor on its bearings as oscillators under load, or two geared ones: the constant model of a run
+//! (equations R6–R11, R36).
 //!
-//! Coordinates: the shapes of the plane of x, then those of y, then those of the torsion, if a gear
-//! mesh asks for it. Must not know scenes or sensors.
+//! Coordinates: the shapes of the plane of x, of all shafts, then those of y, then those of the torsion, if a
+//! gear mesh asks for it. Must not know scenes or sensors.
 
 use super::contact::Contacts;
 use super::etd::{Load, Oscillators};
 use super::mesh::{Crossing, Mesh, Moment};
 use super::modes::Basis;
-use super::rotor::Plane;
+use super::rotor::{Place, Plane};
 use super::speed::{SpeedProfile, Turning};
 use super::torsion::Torsion;
 use nalgebra::DVector;
@@ -35,6 +35,28 @@ impl Turned {
             self.along_x[i] += force * cos;
             self.along_y[i] += force * sin;
         }
+    }
+}
+
+/// Most shafts of a model.
+pub const MAX_SHAFTS: usize = 2;
+
+/// What turns with one of the shafts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TurningLoads {
+    /// Turns of the shaft to one of the first; below 0 against it.
+    pub turns: f64,
+    /// Static unbalance Σ m·e·φ, kg·m in the basis.
+    pub unbalance: Turned,
+    /// Force of the residual bow, N in the basis.
+    pub bow: Turned,
+}
+
+impl TurningLoads {
+    /// A shaft without loads, of `n` shapes.
+    #[must_use]
+    pub fn none(n: usize, turns: f64) -> Self {
+        Self { turns, unbalance: Turned::none(n), bow: Turned::none(n) }
     }
 }
 
@@ -102,12 +124,10 @@ pub struct Model {
     pub basis: Basis,
     /// Damping ratio of each shape.
     pub damping: Vec<f64>,
-    /// How the shaft turns.
+    /// How the first shaft turns.
     pub speed: SpeedProfile,
-    /// Static unbalance Σ m·e·φ, kg·m in the basis.
-    pub unbalance: Turned,
-    /// Force of the residual bow, N in the basis.
-    pub bow: Turned,
+    /// What turns with each shaft, one to [`MAX_SHAFTS`].
+    pub shafts: Vec<TurningLoads>,
     /// Constant forces along x and y, N in the basis.
     pub constant: [Vec<f64>; 2],
     /// Ball bearings.
@@ -125,7 +145,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// A model without forces or bearings beyond the supports in the basis.
+    /// A model of one shaft without forces or bearings beyond the supports in the basis.
     #[must_use]
     pub fn new(basis: Basis, damping_ratio: f64, speed: SpeedProfile) -> Self {
         let n = basis.len();
@@ -133,8 +153,7 @@ impl Model {
         Self {
             damping: vec![damping_ratio; n],
             speed,
-            unbalance: Turned::none(n),
-            bow: Turned::none(n),
+            shafts: vec![TurningLoads::none(n, 1.0)],
             constant: [vec![0.0; n], vec![0.0; n]],
             seats: Vec::new(),
             linear_seats: Vec::new(),
@@ -152,21 +171,32 @@ impl Model {
     }
 
     /// Adds an unbalance m·e, kg·m, at a place, its direction in the shaft in rad.
-    pub fn add_unbalance(&mut self, plane: &Plane, at_m: f64, kg_m: f64, angle_rad: f64) {
-        let row = self.basis.row(plane.displacement_at(at_m));
-        let modal: Vec<f64> = row.iter().map(|phi| phi * kg_m).collect();
-        self.unbalance.add(&modal, angle_rad);
-    }
-
-    /// Adds a residual bow: displacement, m, and slope of every node, in the direction of this angle
-    /// in the shaft, rad. Its force is that of the free shaft (R6).
     ///
     /// # Panics
     ///
-    /// If the bow does not have one entry a degree of freedom.
-    pub fn add_bow(&mut self, plane: &Plane, bow: &DVector<f64>, angle_rad: f64) {
+    /// If there is no such shaft.
+    pub fn add_unbalance(
+        &mut self,
+        plane: &Plane,
+        place: impl Into<Place>,
+        kg_m: f64,
+        angle_rad: f64,
+    ) {
+        let place = place.into();
+        let row = self.basis.row(plane.displacement_at(place));
+        let modal: Vec<f64> = row.iter().map(|phi| phi * kg_m).collect();
+        self.shafts[place.shaft].unbalance.add(&modal, angle_rad);
+    }
+
+    /// Adds a residual bow of a shaft: displacement, m, and slope of every node, 0 on others, in the
+    /// direction of this angle in the shaft, rad. Its force is that of the free shaft (R6).
+    ///
+    /// # Panics
+    ///
+    /// If the bow does not have one entry a degree of freedom, or there is no such shaft.
+    pub fn add_bow(&mut self, plane: &Plane, shaft: usize, bow: &DVector<f64>, angle_rad: f64) {
         let modal = self.basis.project(&(&plane.shaft_stiffness * bow));
-        self.bow.add(&modal, angle_rad);
+        self.shafts[shaft].bow.add(&modal, angle_rad);
     }
 
     /// Adds a uniform acceleration along x and y, m/s², such as gravity.
@@ -180,16 +210,16 @@ impl Model {
         }
     }
 
-    /// Real and imaginary part of the force that turns with the shaft at constant speed, both planes:
-    /// the force is Re(F·e^{iφ}).
+    /// Real and imaginary part of the force that turns with a shaft at its constant speed, both planes:
+    /// the force is Re(F·e^{iφ}), φ the angle of that shaft.
     #[must_use]
-    pub fn turning_force(&self, speed_rad_per_s: f64) -> (Vec<f64>, Vec<f64>) {
+    pub fn turning_force(shaft: &TurningLoads, speed_rad_per_s: f64) -> (Vec<f64>, Vec<f64>) {
         let square = speed_rad_per_s * speed_rad_per_s;
         let sum = |unbalance: &[f64], bow: &[f64]| -> Vec<f64> {
             unbalance.iter().zip(bow).map(|(u, b)| square * u + b).collect()
         };
-        let x = sum(&self.unbalance.along_x, &self.bow.along_x);
-        let y = sum(&self.unbalance.along_y, &self.bow.along_y);
+        let x = sum(&shaft.unbalance.along_x, &shaft.bow.along_x);
+        let y = sum(&shaft.unbalance.along_y, &shaft.bow.along_y);
         let minus: Vec<f64> = x.iter().map(|x| -x).collect();
         ([&x[..], &y[..]].concat(), [&y[..], &minus[..]].concat())
     }
@@ -312,16 +342,21 @@ impl Model {
 
     /// Loads that depend on time alone.
     fn turning_loads(&self, turning: Turning, fx: &mut [f64], fy: &mut [f64]) {
-        let (sin, cos) = turning.angle_rad.sin_cos();
-        let square = turning.speed_rad_per_s * turning.speed_rad_per_s;
-        let rising = turning.acceleration_rad_per_s2;
-        // Of an unbalance u at angle φ: Ω²·(u turned by φ) and Ω̇·(u turned by φ − 90°).
-        let (forward, sideways) = (square * cos + rising * sin, square * sin - rising * cos);
-        for i in 0..fx.len() {
-            let (ux, uy) = (self.unbalance.along_x[i], self.unbalance.along_y[i]);
-            let (bx, by) = (self.bow.along_x[i], self.bow.along_y[i]);
-            fx[i] = self.constant[0][i] + forward * ux - sideways * uy + cos * bx - sin * by;
-            fy[i] = self.constant[1][i] + sideways * ux + forward * uy + sin * bx + cos * by;
+        fx.copy_from_slice(&self.constant[0]);
+        fy.copy_from_slice(&self.constant[1]);
+        for TurningLoads { turns, unbalance, bow } in &self.shafts {
+            let (sin, cos) = (turns * turning.angle_rad).sin_cos();
+            let speed_rad_per_s = turns * turning.speed_rad_per_s;
+            let square = speed_rad_per_s * speed_rad_per_s;
+            let rising = turns * turning.acceleration_rad_per_s2;
+            // Of an unbalance u at angle φ: Ω²·(u turned by φ) and Ω̇·(u turned by φ − 90°).
+            let (forward, sideways) = (square * cos + rising * sin, square * sin - rising * cos);
+            for i in 0..fx.len() {
+                let (ux, uy) = (unbalance.along_x[i], unbalance.along_y[i]);
+                let (bx, by) = (bow.along_x[i], bow.along_y[i]);
+                fx[i] += forward * ux - sideways * uy + cos * bx - sin * by;
+                fy[i] += sideways * ux + forward * uy + sin * bx + cos * by;
+            }
         }
     }
 

@@ -1,11 +1,13 @@
-//! A shaft with discs on isotropic supports, as matrices of one plane (equations R5, R6).
+//! A shaft with discs on isotropic supports, as matrices of one plane (equations R5, R6); several
+//! shafts side by side (R36).
 //!
 //! Degrees of freedom: displacement u in m and slope u′ in rad of every node, in the order of the
-//! nodes along the shaft. The plane of y has the same matrices as the plane of x; the gyroscopic
+//! nodes along the shaft, shaft by shaft. The plane of y has the same matrices as the plane of x; the gyroscopic
 //! matrix couples them. Must not know faults or time.
 
 use super::beam::{ElementMatrix, Section};
 use nalgebra::DMatrix;
+use std::ops::Range;
 
 /// A rigid disc.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,18 +71,37 @@ pub struct Rotor {
     pub elements_per_span: u32,
 }
 
+/// A place along one of the shafts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Number of the shaft.
+    pub shaft: usize,
+    /// Place along it, m.
+    pub at_m: f64,
+}
+
+impl From<f64> for Place {
+    /// Along the first shaft.
+    fn from(at_m: f64) -> Self {
+        Self { shaft: 0, at_m }
+    }
+}
+
 /// Matrices of one plane.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plane {
-    /// Places of the nodes, m, rising.
+    /// Places of the nodes, m, rising along each shaft.
     pub nodes_m: Vec<f64>,
+    /// Number of the first node of every shaft.
+    pub first_nodes: Vec<usize>,
     /// Mass: shaft, discs, rings.
     pub mass: DMatrix<f64>,
     /// Stiffness of shaft and supports.
     pub stiffness: DMatrix<f64>,
     /// Stiffness of the free shaft alone: times a bow, it is the bow's force.
     pub shaft_stiffness: DMatrix<f64>,
-    /// Symmetric gyroscopic matrix H: plane x is pushed by −Ω·H·ẏ, plane y by +Ω·H·ẋ.
+    /// Symmetric gyroscopic matrix H: plane x is pushed by −Ω·H·ẏ, plane y by +Ω·H·ẋ, Ω the speed of
+    /// the first shaft.
     pub gyroscopic: DMatrix<f64>,
 }
 
@@ -144,7 +165,8 @@ impl Rotor {
             stiffness[(u, u)] += support.stiffness_n_per_m;
             mass[(u, u)] += support.ring_mass_kg;
         }
-        Plane { nodes_m, mass, stiffness, shaft_stiffness: shaft, gyroscopic }
+        let first_nodes = vec![0];
+        Plane { nodes_m, first_nodes, mass, stiffness, shaft_stiffness: shaft, gyroscopic }
     }
 }
 
@@ -155,11 +177,64 @@ impl Plane {
         self.mass.nrows()
     }
 
+    /// Shafts side by side, each with its turns to one of the first: nothing in the plane couples them,
+    /// and each has the gyroscopic matrix of its own speed (R36).
+    #[must_use]
+    pub fn beside(shafts: &[(Self, f64)]) -> Self {
+        let all = |of: fn(&Self) -> &DMatrix<f64>| {
+            let blocks: Vec<_> = shafts.iter().map(|(plane, _)| of(plane).clone()).collect();
+            block_diagonal(&blocks)
+        };
+        let gyroscopic: Vec<_> =
+            shafts.iter().map(|(plane, turns)| &plane.gyroscopic * *turns).collect();
+        let mut first_nodes = Vec::with_capacity(shafts.len());
+        let mut nodes_m = Vec::new();
+        for (plane, _) in shafts {
+            first_nodes.push(nodes_m.len());
+            nodes_m.extend(&plane.nodes_m);
+        }
+        Self {
+            nodes_m,
+            first_nodes,
+            mass: all(|plane| &plane.mass),
+            stiffness: all(|plane| &plane.stiffness),
+            shaft_stiffness: all(|plane| &plane.shaft_stiffness),
+            gyroscopic: block_diagonal(&gyroscopic),
+        }
+    }
+
+    /// Numbers of the nodes of a shaft.
+    #[must_use]
+    pub fn nodes_of(&self, shaft: usize) -> Range<usize> {
+        let end = self.first_nodes.get(shaft + 1).copied().unwrap_or(self.nodes_m.len());
+        self.first_nodes.get(shaft).copied().unwrap_or(end)..end
+    }
+
+    /// Number of the node nearest to a place.
+    #[must_use]
+    pub fn node_at(&self, place: impl Into<Place>) -> usize {
+        let place = place.into();
+        let nodes = self.nodes_of(place.shaft);
+        nodes.start + nearest(&self.nodes_m[nodes], place.at_m)
+    }
+
     /// Index of the displacement at the node nearest to a place.
     #[must_use]
-    pub fn displacement_at(&self, at_m: f64) -> usize {
-        2 * nearest(&self.nodes_m, at_m)
+    pub fn displacement_at(&self, place: impl Into<Place>) -> usize {
+        2 * self.node_at(place)
     }
+}
+
+/// Square matrices along the diagonal of one.
+pub(super) fn block_diagonal(blocks: &[DMatrix<f64>]) -> DMatrix<f64> {
+    let n = blocks.iter().map(DMatrix::nrows).sum();
+    let mut whole = DMatrix::zeros(n, n);
+    let mut at = 0;
+    for block in blocks {
+        whole.view_mut((at, at), block.shape()).copy_from(block);
+        at += block.nrows();
+    }
+    whole
 }
 
 fn nearest(nodes_m: &[f64], at_m: f64) -> usize {

@@ -104,6 +104,9 @@ pub struct BallDefectWire {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BowWire {
+    /// Id of a shaft of the scene; absent: the first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shaft: Option<String>,
     /// Largest deflection.
     pub amplitude_um: f64,
     /// Direction in the shaft, from its mark.
@@ -213,7 +216,8 @@ fn faults(list: &[FaultWire]) -> Result<Faults, String> {
             }
             FaultWire::Bow(bow) => {
                 let shape = BowShape::HalfSine { amplitude_m: bow.amplitude_um * 1e-6 };
-                faults.bow = Some(Bow { angle_rad: bow.angle_deg.to_radians(), shape });
+                let angle_rad = bow.angle_deg.to_radians();
+                faults.bow = Some(Bow { shaft: bow.shaft.clone(), angle_rad, shape });
             }
             FaultWire::ToothDamage(tooth) => faults.teeth.push(tooth.fault()?),
         }
@@ -226,6 +230,7 @@ fn listed(faults: &Faults) -> Vec<FaultWire> {
     let defects = faults.defects.iter().map(|(id, defect)| FaultWire::of_defect(id, defect));
     let bow = faults.bow.as_ref().map(|bow| {
         FaultWire::Bow(BowWire {
+            shaft: bow.shaft.clone(),
             amplitude_um: tidy(amplitude_m(&bow.shape) * 1e6),
             angle_deg: tidy(bow.angle_rad.to_degrees()),
         })

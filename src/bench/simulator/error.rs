@@ -64,13 +64,13 @@ fn observed(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     let rate_hz = scene.sensors.iter().map(|sensor| sensor.rate_hz).fold(0.0, f64::max);
     let at =
-        scene.bearings.iter().flat_map(|b| [0.0, FRAC_PI_2].map(|axis_rad| (b.at_m, axis_rad)));
+        scene.bearings.iter().flat_map(|b| [0.0, FRAC_PI_2].map(|axis_rad| (b.place, axis_rad)));
     let probes: Vec<SceneSensor> = at
         .enumerate()
-        .map(|(i, (at_m, axis_rad))| SceneSensor {
+        .map(|(i, (place, axis_rad))| SceneSensor {
             channel: format!("bearing probe {i}"),
             kind: SensorKind::Proximitor,
-            at_m,
+            place,
             axis_rad,
             rate_hz,
             corner_hz: 0.4 * rate_hz,

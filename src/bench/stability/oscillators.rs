@@ -178,8 +178,8 @@ pub fn unbalance_and_bow() -> Rows {
     {
         let loaded = |ratio: f64| {
             let mut model = mass(omega, zeta, ratio * omega / TAU);
-            model.unbalance.add(&[1.0], 0.0);
-            model.bow.add(&[bow * omega * omega], beta);
+            model.shafts[0].unbalance.add(&[1.0], 0.0);
+            model.shafts[0].bow.add(&[bow * omega * omega], beta);
             model
         };
         let mut worst = 0.0_f64;
@@ -212,8 +212,8 @@ pub fn unbalance_and_bow() -> Rows {
     }
     let model = {
         let mut model = mass(omega, zeta, 0.5_f64.sqrt() * omega / TAU);
-        model.unbalance.add(&[1.0], 0.0);
-        model.bow.add(&[0.5 * omega * omega], 0.5 * TAU);
+        model.shafts[0].unbalance.add(&[1.0], 0.0);
+        model.shafts[0].bow.add(&[0.5 * omega * omega], 0.5 * TAU);
         model
     };
     let system = LinearSystem::new(&model, 0.5_f64.sqrt() * omega);

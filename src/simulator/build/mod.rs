@@ -1,18 +1,19 @@
 //! From a scene to a model: what is chosen automatically, and what is refused.
 
 mod gears;
+mod shafts;
 
 use super::contact::{Contacts, Defect, Profile};
 use super::linear::LinearSystem;
-use super::model::{LinearSeat, Model, Seat, Turned};
+use super::model::{LinearSeat, Model, Seat, Turned, TurningLoads};
 use super::modes::{Basis, BasisError};
 use super::reduction::expected_error;
-use super::rotor::{Plane, Rotor, Support};
-use super::scene::{BearingKind, Bow, BowShape, Faults, ProfileKind, Scene, SceneBall};
+use super::rotor::{Place, Plane};
+use super::scene::{BearingKind, Faults, ProfileKind, Scene, SceneBall};
 use super::scene::{SceneBearing, SceneDefect, SceneErrors, SensorKind};
 use super::speed::SpeedProfile;
-use nalgebra::{DMatrix, DVector};
-use std::f64::consts::{PI, TAU};
+use shafts::{beside, bow_shape, flanks_at, rotors};
+use std::f64::consts::TAU;
 
 /// Errors of the integrator, measured on the rig with a step defect (set A, bearing 3): at steps of
 /// 10 µs; it falls with the fourth power.
@@ -35,10 +36,10 @@ const BAND_MARGIN: (f64, f64) = (2.4, 0.176);
 /// pairs, and half a pair (19 + 2 shapes) errs a hundred times more than the whole (20 + 2).
 const PAIR: f64 = 1.05;
 
-/// Fewest and most modes that are chosen automatically.
+/// Fewest and most modes a shaft that are chosen automatically.
 const MODES: (usize, usize) = (4, 40);
 
-/// Elements of the whole shaft, at least, if chosen automatically.
+/// Elements of a whole shaft, at least, if chosen automatically.
 const ELEMENTS: usize = 24;
 
 /// Degrees of freedom for each mode, at least.
@@ -106,21 +107,22 @@ pub(in crate::simulator) struct Built {
 
 /// Builds a scene.
 pub(in crate::simulator) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
-    let n_spans = rotor(scene, 1).assemble().nodes_m.len() - 1;
-    let chosen = u32::try_from(ELEMENTS.div_ceil(n_spans)).unwrap_or(1);
+    let coarse = rotors(scene, 1);
+    let n_spans = coarse.iter().map(|rotor| rotor.assemble().nodes_m.len() - 1).min();
+    let chosen = u32::try_from(ELEMENTS.div_ceil(n_spans.unwrap_or(1))).unwrap_or(1);
     let mut elements = scene.modes.elements_per_span.unwrap_or(chosen);
-    let mut rotor_of_it = rotor(scene, elements);
-    let mut plane = rotor_of_it.assemble();
+    let mut rotors_of_it = rotors(scene, elements);
+    let mut plane = beside(scene, &rotors_of_it);
     let n_modes = choose_modes(scene, &plane)?;
     while scene.modes.elements_per_span.is_none() && plane.n_dof() < DOF_PER_MODE * n_modes {
         elements *= 2;
-        rotor_of_it = rotor(scene, elements);
-        plane = rotor_of_it.assemble();
+        rotors_of_it = rotors(scene, elements);
+        plane = beside(scene, &rotors_of_it);
     }
     let stations: Vec<usize> = if scene.modes.attachment {
-        let bearings = scene.bearings.iter().map(|bearing| bearing.at_m);
-        let places = bearings.chain(scene.gears.iter().map(|gear| gear.at_m));
-        places.map(|at_m| plane.displacement_at(at_m)).collect()
+        let bearings = scene.bearings.iter().map(|bearing| bearing.place);
+        let places = bearings.chain(scene.gears.iter().flat_map(flanks_at));
+        places.map(|place| plane.displacement_at(place)).collect()
     } else {
         Vec::new()
     };
@@ -129,6 +131,9 @@ pub(in crate::simulator) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     let mut plan = plan(scene, &plane, &modes, &basis);
     check_band(scene, &plan)?;
     let mut model = Model::new(basis, scene.modes.damping, scene.speed.clone());
+    let further = (1..scene.shafts.len()).map(|shaft| scene.turns(shaft));
+    let n = model.basis.len();
+    model.shafts.extend(further.map(|turns| TurningLoads::none(n, turns)));
     plan.gyroscopic_effect = gyroscopic_effect(&model, scene.speed.fastest_rad_per_s());
     plan.has_gyroscopic = plan.gyroscopic_effect >= GYROSCOPIC_PART * scene.accuracy;
     if !plan.has_gyroscopic {
@@ -136,7 +141,7 @@ pub(in crate::simulator) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     }
     load(scene, &plane, &mut model);
     seat(scene, &plane, &mut model);
-    gears::seat(scene, &rotor_of_it, &plane, &mut model)?;
+    gears::seat(scene, &rotors_of_it, &plane, &mut model)?;
     if let Some(torsion) = &model.torsion {
         plan.n_torsion = torsion.len();
         plan.torsion_hz = torsion.basis.omega_rad_per_s[0] / TAU;
@@ -145,35 +150,6 @@ pub(in crate::simulator) fn build(scene: &Scene) -> Result<Built, SceneErrors> {
     set_faults(scene, &built.plane, &mut built.model, &scene.faults())?;
     check_stability(scene, &built.model)?;
     Ok(built)
-}
-
-/// The rotor with every place of the scene as a node.
-fn rotor(scene: &Scene, elements_per_span: u32) -> Rotor {
-    let mut stations_m: Vec<f64> = scene.unbalances.iter().map(|u| u.at_m).collect();
-    let watching = scene.sensors.iter().filter(|sensor| sensor.kind != SensorKind::Tacho);
-    stations_m.extend(watching.map(|sensor| sensor.at_m));
-    stations_m.extend(scene.gears.iter().flat_map(|gear| [gear.at_m, gear.torque_at_m]));
-    if let Some(Bow { shape: BowShape::Points(points), .. }) = &scene.bow {
-        stations_m.extend(points.iter().map(|(at_m, _)| *at_m));
-    }
-    let support = |bearing: &SceneBearing| Support {
-        at_m: bearing.at_m,
-        stiffness_n_per_m: bearing.support_n_per_m,
-        ring_mass_kg: bearing.ring_mass_kg,
-    };
-    Rotor {
-        section: scene.section,
-        length_m: scene.length_m,
-        discs: scene
-            .discs
-            .iter()
-            .map(|disc| disc.disc)
-            .chain(scene.gears.iter().map(|gear| gear.disc))
-            .collect(),
-        supports: scene.bearings.iter().map(support).collect(),
-        stations_m,
-        elements_per_span,
-    }
 }
 
 fn basis(
@@ -206,9 +182,9 @@ pub(super) fn reduction_error(scene: &Scene) -> Option<f64> {
     let Built { plane, model, .. } = build(scene).ok()?;
     let whole = Basis::new(&plane, plane.n_dof(), &[]).ok()?;
     let pushed: Vec<usize> =
-        scene.bearings.iter().map(|bearing| plane.displacement_at(bearing.at_m)).collect();
+        scene.bearings.iter().map(|bearing| plane.displacement_at(bearing.place)).collect();
     let watching = scene.sensors.iter().filter(|sensor| sensor.kind != SensorKind::Tacho);
-    let seen: Vec<usize> = watching.map(|sensor| plane.displacement_at(sensor.at_m)).collect();
+    let seen: Vec<usize> = watching.map(|sensor| plane.displacement_at(sensor.place)).collect();
     Some(expected_error(&whole, &model.basis, &pushed, &seen, band_hz(scene)))
 }
 
@@ -216,11 +192,12 @@ fn choose_modes(scene: &Scene, plane: &Plane) -> Result<usize, SceneErrors> {
     if let Some(count) = scene.modes.count {
         return Ok(count);
     }
-    let all = basis(scene, plane, MODES.1.min(plane.n_dof()), &[])?;
+    let (fewest, most) = (MODES.0 * scene.shafts.len(), MODES.1 * scene.shafts.len());
+    let all = basis(scene, plane, most.min(plane.n_dof()), &[])?;
     let (margin, power) = BAND_MARGIN;
     let wanted = TAU * band_hz(scene) * margin * (1e-4 / scene.accuracy).powf(power).max(1.0);
     let below = all.omega_rad_per_s.iter().take_while(|omega| **omega < wanted).count();
-    let mut count = (below + 1).clamp(MODES.0, MODES.1).min(all.len());
+    let mut count = (below + 1).clamp(fewest, most).min(all.len());
     let is_of_pair = |n: usize| all.omega_rad_per_s[n] < PAIR * all.omega_rad_per_s[n - 1];
     while count < all.len() && is_of_pair(count) {
         count += 1;
@@ -271,10 +248,11 @@ fn gyroscopic_effect(model: &Model, speed_rad_per_s: f64) -> f64 {
 fn load(scene: &Scene, plane: &Plane, model: &mut Model) {
     for disc in &scene.discs {
         let kg_m = disc.disc.mass_kg * disc.eccentricity_m;
-        model.add_unbalance(plane, disc.disc.at_m, kg_m, disc.eccentricity_rad);
+        let place = Place { shaft: disc.shaft, at_m: disc.disc.at_m };
+        model.add_unbalance(plane, place, kg_m, disc.eccentricity_rad);
     }
     for unbalance in &scene.unbalances {
-        model.add_unbalance(plane, unbalance.at_m, unbalance.kg_m, unbalance.angle_rad);
+        model.add_unbalance(plane, unbalance.place, unbalance.kg_m, unbalance.angle_rad);
     }
     if let Some(direction) = scene.gravity_rad {
         let (sin, cos) = direction.sin_cos();
@@ -284,7 +262,7 @@ fn load(scene: &Scene, plane: &Plane, model: &mut Model) {
 
 fn seat(scene: &Scene, plane: &Plane, model: &mut Model) {
     for bearing in &scene.bearings {
-        let row = model.basis.row(plane.displacement_at(bearing.at_m));
+        let row = model.basis.row(plane.displacement_at(bearing.place));
         let support = bearing.support_n_per_m;
         match &bearing.kind {
             BearingKind::Ball(ball) => {
@@ -326,51 +304,19 @@ pub(super) fn set_faults(
         seat.contacts = Contacts::new(ball.with_defects(&defects));
     }
     gears::set_faults(scene, model, faults)?;
-    model.bow = Turned::none(model.basis.len());
+    let n = model.basis.len();
+    model.shafts.iter_mut().for_each(|shaft| shaft.bow = Turned::none(n));
     if let Some(bow) = &faults.bow {
-        let shape = bow_shape(scene, plane, bow)
+        let shaft = scene.shaft_of(bow).ok_or_else(|| {
+            let names: Vec<&str> = scene.shafts.iter().map(|shaft| shaft.id.as_str()).collect();
+            let found = format!("a bow of {:?}", bow.shaft);
+            scene.mistake("bow", found, format!("the id of a shaft: {}", names.join(", ")))
+        })?;
+        let shape = bow_shape(scene, plane, shaft, &bow.shape)
             .ok_or_else(|| scene.mistake("bow", "points", "a shape the free shaft can take"))?;
-        model.add_bow(plane, &shape, bow.angle_rad);
+        model.add_bow(plane, shaft, &shape, bow.angle_rad);
     }
     Ok(())
-}
-
-/// A bow as displacement and slope of every node.
-fn bow_shape(scene: &Scene, plane: &Plane, bow: &Bow) -> Option<DVector<f64>> {
-    match &bow.shape {
-        BowShape::HalfSine { amplitude_m } => {
-            let places = || scene.bearings.iter().map(|bearing| bearing.at_m);
-            let first = places().fold(f64::INFINITY, f64::min);
-            let span = places().fold(0.0, f64::max) - first;
-            let wave = PI / span;
-            Some(DVector::from_fn(plane.n_dof(), |i, _| {
-                let along = plane.nodes_m[i / 2] - first;
-                let inside = along.clamp(0.0, span);
-                let slope = amplitude_m * wave * (wave * inside).cos();
-                let beyond = along - inside;
-                let height = amplitude_m * (wave * inside).sin() + slope * beyond;
-                if i % 2 == 0 { height } else { slope }
-            }))
-        }
-        BowShape::Points(points) => through_points(plane, points),
-    }
-}
-
-/// The shape of least bending energy through points: the free shaft held at them (R17).
-fn through_points(plane: &Plane, points: &[(f64, f64)]) -> Option<DVector<f64>> {
-    let (n, m) = (plane.n_dof(), points.len());
-    let scale = plane.shaft_stiffness.amax();
-    let mut held = DMatrix::zeros(n + m, n + m);
-    held.view_mut((0, 0), (n, n)).copy_from(&plane.shaft_stiffness);
-    let mut right = DVector::zeros(n + m);
-    for (k, (at_m, height_m)) in points.iter().enumerate() {
-        let u = plane.displacement_at(*at_m);
-        held[(n + k, u)] = scale;
-        held[(u, n + k)] = scale;
-        right[n + k] = scale * height_m;
-    }
-    let solved = held.lu().solve(&right)?;
-    solved.iter().all(|x| x.is_finite()).then(|| solved.rows(0, n).into_owned())
 }
 
 impl SceneBall {
@@ -405,8 +351,11 @@ impl SceneBall {
 /// Refuses speeds whose ball passes or meshing teeth lie beyond what the modes can follow.
 fn check_band(scene: &Scene, plan: &Plan) -> Result<(), SceneErrors> {
     let of_bearing = |bearing: &SceneBearing| match &bearing.kind {
-        BearingKind::Ball(ball) => f64::from(ball.bearing.balls) * (1.0 - ball.bearing.cage_ratio),
-        BearingKind::Linear { .. } => 1.0,
+        BearingKind::Ball(ball) => {
+            let passes = f64::from(ball.bearing.balls) * (1.0 - ball.bearing.cage_ratio);
+            passes * ball.bearing.turns.abs()
+        }
+        BearingKind::Linear { .. } => scene.turns(bearing.place.shaft).abs(),
     };
     let of_teeth = scene.gears.iter().map(|gear| gear.design.gear.z());
     let order = scene.bearings.iter().map(of_bearing).chain(of_teeth).fold(1.0, f64::max);
@@ -449,3 +398,6 @@ fn check_stability(scene: &Scene, model: &Model) -> Result<(), SceneErrors> {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod shaft_tests;

@@ -1,6 +1,7 @@
 //! What is chosen and what is refused.
 
 use super::*;
+use crate::simulator::scene::BowShape;
 use crate::simulator::scene::builtin;
 
 fn scene(name: &str) -> Scene {
@@ -77,9 +78,8 @@ fn a_bow_through_points_bends_as_the_free_shaft_would() {
     let built = build(&scene).unwrap();
     let (left, right) = (3.5148 * 0.0254, 17.4852 * 0.0254);
     let middle = 0.5 * (left + right);
-    let bow = |points| Bow { angle_rad: 0.0, shape: BowShape::Points(points) };
     let points = vec![(left, 0.0), (middle, 1e-3), (right, 0.0)];
-    let shape = bow_shape(&scene, &built.plane, &bow(points)).unwrap();
+    let shape = bow_shape(&scene, &built.plane, 0, &BowShape::Points(points)).unwrap();
     // Three-point bending; with shear a little more pointed than Euler's 11/16 of the middle at the
     // quarter points.
     let at = |at_m: f64| shape[built.plane.displacement_at(at_m)];
@@ -96,8 +96,8 @@ fn a_bow_through_points_bends_as_the_free_shaft_would() {
     let loose = (0..force.len()).filter(|i| !held.contains(i)).map(|i| force[i].abs());
     assert!(loose.fold(0.0_f64, f64::max) < 1e-6 * largest);
     // A half sine has the slopes of its heights.
-    let sine = Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m: 1e-3 } };
-    let sine = bow_shape(&scene, &built.plane, &sine).unwrap();
+    let sine = BowShape::HalfSine { amplitude_m: 1e-3 };
+    let sine = bow_shape(&scene, &built.plane, 0, &sine).unwrap();
     for node in 1..built.plane.nodes_m.len() {
         let length = built.plane.nodes_m[node] - built.plane.nodes_m[node - 1];
         let slope = 0.5 * (sine[2 * node + 1] + sine[2 * node - 1]);

@@ -4,13 +4,16 @@
 //! The state is (ω·q, q̇) of both planes, so that all entries of the system are of one size. Must not
 //! know scenes.
 
+mod run;
+
 use super::etd::Load;
-use super::model::{Model, Turned};
+use super::model::{MAX_SHAFTS, Model, TurningLoads};
 use super::run::{Quantity, Watch};
 use nalgebra::{DMatrix, DVector};
+pub use run::LinearRun;
 use std::f64::consts::TAU;
 
-/// The system ẏ = A·y + b + Re(c·e^{iφ}), φ = Ω·t, of a model at constant speed.
+/// The system ẏ = A·y + b + Σ Re(c·e^{iφ}), φ = Ω·t of every shaft, of a model at constant speed.
 ///
 /// Ball bearings and gears are taken as what is in the shapes for them.
 #[derive(Debug, Clone)]
@@ -22,13 +25,23 @@ pub struct LinearSystem {
     speed_rad_per_s: f64,
 }
 
-/// A steady motion: constant part and phasor of the state.
+/// A steady motion: constant part of the state, and what turns with each shaft.
 #[derive(Debug, Clone)]
 pub struct Steady {
     constant: DVector<f64>,
+    turning: Vec<Phasor>,
+}
+
+/// What turns with a shaft: Re(Y·e^{i·turns·φ}), φ the angle of the first.
+#[derive(Debug, Clone)]
+struct Phasor {
+    turns: f64,
     re: DVector<f64>,
     im: DVector<f64>,
 }
+
+/// What is seen of a steady motion: constant part, and cos and sin part of each shaft.
+pub(super) type Still = [f64; 1 + 2 * MAX_SHAFTS];
 
 impl LinearSystem {
     /// Takes the system out of a model that turns at `speed_rad_per_s`.
@@ -39,7 +52,7 @@ impl LinearSystem {
         bare.seats.clear();
         bare.gears.clear();
         bare.torsion.iter_mut().for_each(|torsion| torsion.torque.fill(0.0));
-        (bare.unbalance, bare.bow) = (Turned::none(n), Turned::none(n));
+        bare.shafts.clear();
         bare.constant = [vec![0.0; n], vec![0.0; n]];
         bare.speed = super::speed::SpeedProfile::Constant(speed_rad_per_s / TAU);
         let oscillators = bare.oscillators();
@@ -78,31 +91,39 @@ impl LinearSystem {
     /// The steady motion under the model's loads (R15): `None` where it would be infinite.
     #[must_use]
     pub fn steady(&self, model: &Model) -> Option<Steady> {
-        let size = self.omega.len();
-        let lower = |force: &[f64]| {
-            DVector::from_fn(2 * size, |i, _| if i < size { 0.0 } else { force[i - size] })
-        };
-        let (mut re, mut im) = model.turning_force(self.speed_rad_per_s);
-        re.resize(size, 0.0);
-        im.resize(size, 0.0);
+        let turning = model.shafts.iter().map(|shaft| self.phasor(shaft));
         let torque = model.torsion.as_ref().map_or(&[][..], |torsion| &torsion.torque[..]);
         let constant = [&model.constant[0][..], &model.constant[1][..], torque].concat();
-        // (iΩ − A)·Y = c as one real system of twice the size.
-        let n = 2 * size;
+        let turning = turning.collect::<Option<Vec<_>>>()?;
+        let constant = (-&self.matrix).lu().solve(&self.lower(&constant))?;
+        constant.iter().all(|x| x.is_finite()).then_some(Steady { constant, turning })
+    }
+
+    /// A force on the coordinates as a rate of the state.
+    fn lower(&self, force: &[f64]) -> DVector<f64> {
+        let size = self.omega.len();
+        let at = |i: usize| force.get(i).copied().unwrap_or(0.0);
+        DVector::from_fn(2 * size, |i, _| if i < size { 0.0 } else { at(i - size) })
+    }
+
+    /// (iΩ − A)·Y = c as one real system of twice the size, Ω the speed of this shaft.
+    fn phasor(&self, shaft: &TurningLoads) -> Option<Phasor> {
+        let speed = shaft.turns * self.speed_rad_per_s;
+        let (re, im) = Model::turning_force(shaft, speed);
+        let n = 2 * self.omega.len();
         let mut both = DMatrix::zeros(2 * n, 2 * n);
         both.view_mut((0, 0), (n, n)).copy_from(&(-&self.matrix));
         both.view_mut((n, n), (n, n)).copy_from(&(-&self.matrix));
         for i in 0..n {
-            both[(i, n + i)] = -self.speed_rad_per_s;
-            both[(n + i, i)] = self.speed_rad_per_s;
+            both[(i, n + i)] = -speed;
+            both[(n + i, i)] = speed;
         }
-        let (re, im) = (lower(&re), lower(&im));
+        let (re, im) = (self.lower(&re), self.lower(&im));
         let right = DVector::from_fn(2 * n, |i, _| if i < n { re[i] } else { im[i - n] });
         let phasor = both.lu().solve(&right)?;
-        let constant = (-&self.matrix).lu().solve(&lower(&constant))?;
-        let finite = phasor.iter().chain(constant.iter()).all(|x| x.is_finite());
         let (re, im) = (phasor.rows(0, n).into_owned(), phasor.rows(n, n).into_owned());
-        finite.then_some(Steady { constant, re, im })
+        let is_finite = phasor.iter().all(|x| x.is_finite());
+        is_finite.then_some(Phasor { turns: shaft.turns, re, im })
     }
 
     /// exp(A·h): carries a free motion over `step_s` (R16).
@@ -114,11 +135,6 @@ impl LinearSystem {
     /// A, in rad/s.
     pub(super) fn matrix(&self) -> &DMatrix<f64> {
         &self.matrix
-    }
-
-    /// Speed of the shaft, rad/s.
-    pub(super) fn speed_rad_per_s(&self) -> f64 {
-        self.speed_rad_per_s
     }
 
     /// What a unit force along a row over all coordinates does to ẏ.
@@ -200,20 +216,45 @@ impl LinearSystem {
 }
 
 impl Steady {
-    /// Constant, cos and sin part of what a row over the state sees.
-    pub(super) fn seen_by(&self, row: &DVector<f64>) -> [f64; 3] {
-        [row.dot(&self.constant), row.dot(&self.re), -row.dot(&self.im)]
+    /// Constant, cos and sin parts of what a row over the state sees.
+    pub(super) fn seen_by(&self, row: &DVector<f64>) -> Still {
+        let mut still = [0.0; 1 + 2 * MAX_SHAFTS];
+        still[0] = row.dot(&self.constant);
+        for (parts, phasor) in still[1..].chunks_exact_mut(2).zip(&self.turning) {
+            parts.copy_from_slice(&[row.dot(&phasor.re), -row.dot(&phasor.im)]);
+        }
+        still
     }
 
-    /// Displacements and velocities at shaft angle φ.
+    /// Number of shafts.
+    pub(super) fn n_shafts(&self) -> usize {
+        self.turning.len()
+    }
+
+    /// Speed of every shaft, rad/s.
+    pub(super) fn speeds_rad_per_s(&self, system: &LinearSystem) -> impl Iterator<Item = f64> {
+        self.turning.iter().map(|phasor| phasor.turns * system.speed_rad_per_s)
+    }
+
+    /// Largest part of the state.
+    fn largest(&self) -> f64 {
+        let turning = self.turning.iter().map(|phasor| phasor.re.amax().max(phasor.im.amax()));
+        turning.fold(self.constant.amax(), f64::max)
+    }
+
+    /// Displacements and velocities at angle φ of the first shaft.
     #[must_use]
     pub fn at(&self, system: &LinearSystem, angle_rad: f64) -> (Vec<f64>, Vec<f64>) {
         system.coordinates(&self.state(angle_rad))
     }
 
     pub(super) fn state(&self, angle_rad: f64) -> DVector<f64> {
-        let (sin, cos) = angle_rad.sin_cos();
-        &self.constant + &self.re * cos - &self.im * sin
+        let mut state = self.constant.clone();
+        for Phasor { turns, re, im } in &self.turning {
+            let (sin, cos) = (turns * angle_rad).sin_cos();
+            state += re * cos - im * sin;
+        }
+        state
     }
 }
 
@@ -221,147 +262,28 @@ impl Steady {
 #[derive(Debug, Clone)]
 pub(super) struct Seen {
     pub(super) row: DVector<f64>,
-    pub(super) constant: f64,
-    pub(super) phasor: (f64, f64),
-}
-
-/// A model without contacts in motion at constant speed, sampled at a fixed rate.
-#[derive(Debug, Clone)]
-pub struct LinearRun {
-    system: LinearSystem,
-    steady: Steady,
-    seen: Vec<Seen>,
-    /// Propagator of one sample and the free state; `None`: it has died out.
-    free: Option<(DMatrix<f64>, DVector<f64>)>,
-    speed_hz: f64,
-    rate_hz: f64,
-    n_samples: u64,
-    turn: Vec<(f64, f64)>,
-}
-
-/// Free motions smaller than this part of what they began with are rounding.
-const DIED_OUT: f64 = 1e-18;
-
-impl LinearRun {
-    /// A run at the speed of `model`, from the state given or from the steady motion; `None` if
-    /// there is no steady motion.
-    #[must_use]
-    pub fn new(
-        model: &Model,
-        speed_hz: f64,
-        watches: &[Watch],
-        rate_hz: f64,
-        state: Option<(&[f64], &[f64])>,
-    ) -> Option<Self> {
-        let system = LinearSystem::new(model, TAU * speed_hz);
-        let steady = system.steady(model)?;
-        let mut run = Self {
-            seen: watches.iter().map(|watch| Seen::by(&system, &steady, watch)).collect(),
-            system,
-            steady,
-            free: None,
-            speed_hz,
-            rate_hz,
-            n_samples: 0,
-            turn: Vec::new(),
-        };
-        if let Some((q, v)) = state {
-            run.begin_at(q, v);
-        }
-        Some(run)
-    }
-
-    fn begin_at(&mut self, q: &[f64], v: &[f64]) {
-        let free = self.system.state(q, v) - self.steady.state(self.angle_rad(self.n_samples));
-        self.free = Some((self.system.propagator(1.0 / self.rate_hz), free));
-    }
-
-    /// Shaft angle at a sample, rad, within a turn.
-    fn angle_rad(&self, sample: u64) -> f64 {
-        let turns = self.speed_hz * (sample as f64 / self.rate_hz);
-        TAU * (turns - turns.round())
-    }
-
-    /// Displacements and velocities at the next sample.
-    #[must_use]
-    pub fn state(&self) -> (Vec<f64>, Vec<f64>) {
-        let steady = self.steady.state(self.angle_rad(self.n_samples));
-        let whole = self.free.as_ref().map_or(steady.clone(), |(_, free)| &steady + free);
-        self.system.coordinates(&whole)
-    }
-
-    /// Exchanges the loads and keeps the motion; `false` if there is no steady motion under them.
-    pub fn set_loads(&mut self, model: &Model, watches: &[Watch]) -> bool {
-        let Some(steady) = self.system.steady(model) else { return false };
-        let (q, v) = self.state();
-        self.seen = watches.iter().map(|watch| Seen::by(&self.system, &steady, watch)).collect();
-        self.steady = steady;
-        self.begin_at(&q, &v);
-        true
-    }
-
-    /// Writes the next samples of every watch, as many as `out` is long in each.
-    ///
-    /// # Panics
-    ///
-    /// If `out` does not have one list a watch.
-    pub fn fill(&mut self, n: usize, out: &mut [Vec<f64>]) {
-        assert_eq!(out.len(), self.seen.len(), "one list a watch");
-        self.turn.clear();
-        let start = self.angle_rad(self.n_samples);
-        let (sin, cos) = start.sin_cos();
-        let (step_sin, step_cos) = (TAU * self.speed_hz / self.rate_hz).sin_cos();
-        let (mut c, mut s) = (cos, sin);
-        for _ in 0..n {
-            self.turn.push((c, s));
-            (c, s) = (c * step_cos - s * step_sin, s * step_cos + c * step_sin);
-        }
-        for (list, seen) in out.iter_mut().zip(&self.seen) {
-            let (re, im) = seen.phasor;
-            list.clear();
-            list.extend(self.turn.iter().map(|(c, s)| seen.constant + re * c - im * s));
-        }
-        self.n_samples += n as u64;
-        self.add_free(n, out);
-    }
-
-    fn add_free(&mut self, n: usize, out: &mut [Vec<f64>]) {
-        let Some((propagator, mut free)) = self.free.take() else { return };
-        let mut next = free.clone();
-        let before = free.amax();
-        for i in 0..n {
-            for (list, seen) in out.iter_mut().zip(&self.seen) {
-                list[i] += seen.row.dot(&free);
-            }
-            next.gemv(1.0, &propagator, &free, 0.0);
-            std::mem::swap(&mut next, &mut free);
-        }
-        let scale =
-            self.steady.re.amax().max(self.steady.im.amax()).max(self.steady.constant.amax());
-        let gone = free.amax() < DIED_OUT * scale || (free.amax() <= 0.0 && before <= 0.0);
-        if !gone {
-            self.free = Some((propagator, free));
-        }
-    }
+    pub(super) still: Still,
 }
 
 impl Seen {
     /// What `watch` sees.
     pub(super) fn by(system: &LinearSystem, steady: &Steady, watch: &Watch) -> Self {
         let row = system.row(watch);
-        let (constant, phasor) = match watch.quantity {
-            Quantity::Displacement => {
-                (row.dot(&steady.constant), (row.dot(&steady.re), row.dot(&steady.im)))
-            }
+        let still = match watch.quantity {
+            Quantity::Displacement => steady.seen_by(&row),
             Quantity::Acceleration => {
                 // −Ω² times the displacement: the loads of the steady motion are not in the row.
                 let still = Watch { quantity: Quantity::Displacement, ..watch.clone() };
-                let row = system.row(&still);
-                let square = -system.speed_rad_per_s * system.speed_rad_per_s;
-                (0.0, (square * row.dot(&steady.re), square * row.dot(&steady.im)))
+                let mut seen = steady.seen_by(&system.row(&still));
+                seen[0] = 0.0;
+                for (parts, phasor) in seen[1..].chunks_exact_mut(2).zip(&steady.turning) {
+                    let speed = phasor.turns * system.speed_rad_per_s;
+                    parts.iter_mut().for_each(|part| *part *= -speed * speed);
+                }
+                seen
             }
         };
-        Self { row, constant, phasor }
+        Self { row, still }
     }
 }
 

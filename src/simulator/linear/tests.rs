@@ -29,13 +29,13 @@ fn closed_form(zeta: f64, e: f64, bow: f64, beta: f64, r: f64) -> (f64, f64) {
 fn amplitude(r: f64, bow: f64, beta: f64) -> (f64, f64) {
     let speed_hz = 100.0 * r / TAU;
     let mut model = jeffcott(0.05, speed_hz);
-    model.unbalance.add(&[1.0], 0.0);
-    model.bow.add(&[bow * 1e4], beta);
+    model.shafts[0].unbalance.add(&[1.0], 0.0);
+    model.shafts[0].bow.add(&[bow * 1e4], beta);
     let run =
         LinearRun::new(&model, speed_hz, &[watch(0.0), watch(0.25 * TAU)], 1e4, None).unwrap();
     // The phasor of x is conjugate to the complex displacement turned with the shaft.
-    let (re, im) = run.seen[0].phasor;
-    let (y_re, y_im) = run.seen[1].phasor;
+    let phasor = |seen: &Seen| (seen.still[1], -seen.still[2]);
+    let ((re, im), (y_re, y_im)) = (phasor(&run.seen[0]), phasor(&run.seen[1]));
     assert!((y_re - im).abs() < 1e-9 && (y_im + re).abs() < 1e-9, "y lags x by a quarter");
     (re, im)
 }
@@ -123,6 +123,87 @@ fn the_exact_run_and_the_integrator_agree() {
         for _ in 1..50 {
             run.step();
         }
+    }
+}
+
+/// The rig on bearings with cross terms and dampers from rest, displacement and acceleration in the
+/// middle.
+fn rig_from_rest() -> LinearRun {
+    use crate::simulator::model::LinearSeat;
+    use crate::simulator::rotor::tests::rig;
+    let plane = rig(12).assemble();
+    let basis = Basis::new(&plane, 8, &[plane.displacement_at(3.5148 * 0.0254)]).unwrap();
+    let mid = basis.row(plane.displacement_at(10.5 * 0.0254));
+    let row = basis.row(plane.displacement_at(3.5148 * 0.0254));
+    let mut model = Model::new(basis, 0.02, SpeedProfile::Constant(30.0));
+    model.add_unbalance(&plane, 0.2, 1e-4, 0.4);
+    model.add_acceleration(&plane, [0.0, -9.81]);
+    model.linear_seats.push(LinearSeat {
+        row,
+        stiffness_n_per_m: [[2e6, 3e5], [-3e5, 1e6]],
+        damping_n_s_per_m: [[300.0, 20.0], [20.0, 200.0]],
+    });
+    let watches = [Quantity::Displacement, Quantity::Acceleration].map(|quantity| Watch {
+        row: mid.clone(),
+        axis_rad: 0.3,
+        quantity,
+    });
+    let zero = vec![0.0; 2 * model.basis.len()];
+    LinearRun::new(&model, 30.0, &watches, 1e4, Some((&zero[..], &zero[..]))).unwrap()
+}
+
+#[test]
+fn coordinates_go_where_the_matrix_exponential_goes() {
+    let mut fast = rig_from_rest();
+    let mut slow = fast.clone().by_propagator();
+    let mut lists = [vec![Vec::new(); 2], vec![Vec::new(); 2]];
+    let mut largest = [0.0_f64; 2];
+    // 2 s: the highest coordinates die out on the way.
+    for block in 0..20 {
+        fast.fill(1000, &mut lists[0]);
+        slow.fill(1000, &mut lists[1]);
+        for ((fast, slow), largest) in lists[0].iter().zip(&lists[1]).zip(&mut largest) {
+            assert_eq!(fast.len(), 1000);
+            *largest = slow.iter().fold(*largest, |most, x| most.max(x.abs()));
+            // Condition of the vectors times what 20 000 products of the dense one round.
+            let gap = fast.iter().zip(slow).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
+            assert!(gap < 1e-10 * *largest, "{block}: {gap:e} of {largest:e}");
+        }
+    }
+    let (fast, slow) = (fast.state(), slow.state());
+    let largest = slow.0.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    assert!(fast.0.iter().zip(&slow.0).all(|(a, b)| (a - b).abs() < 1e-10 * largest));
+}
+
+#[test]
+fn how_a_linear_run_is_cut_into_calls_changes_no_bit() {
+    let (mut whole, mut cut) = (rig_from_rest(), rig_from_rest());
+    let (mut all, mut part) = (vec![Vec::new(); 2], vec![Vec::new(); 2]);
+    whole.fill(2000, &mut all);
+    let mut pieces = vec![Vec::<f64>::new(); 2];
+    for n in [1, 7, 8, 9, 3, 972, 1000] {
+        cut.fill(n, &mut part);
+        pieces.iter_mut().zip(&part).for_each(|(list, part)| list.extend(part));
+    }
+    assert!(all == pieces && whole.state() == cut.state(), "bit by bit");
+}
+
+#[test]
+fn a_state_in_the_middle_of_a_chunk_goes_on_from_there() {
+    let mut run = rig_from_rest();
+    let mut list = vec![Vec::new(); 2];
+    let mut other = run.clone();
+    run.fill(1003, &mut list);
+    let (q, v) = run.state();
+    run.begin_again(&q, &v);
+    run.fill(100, &mut list);
+    let mut expected = vec![Vec::new(); 2];
+    other.fill(1103, &mut expected);
+    for (found, expected) in list.iter().zip(&expected) {
+        let largest = expected.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let late = &expected[1003..];
+        // Two changes of coordinates.
+        assert!(found.iter().zip(late).all(|(a, b)| (a - b).abs() < 1e-10 * largest));
     }
 }
 

@@ -19,6 +19,8 @@ pub struct Mesh {
     mean_n_per_m: f64,
     /// Pairs that may touch in the present step, on the drive and on the back flanks.
     pub(super) active: [Vec<Active>; 2],
+    /// Angle of the gear for which the places of the active pairs are known.
+    known_rad: Option<f64>,
     peak_force_n: f64,
     has_parted: bool,
 }
@@ -33,6 +35,11 @@ pub(super) struct Active {
     gap: Gap,
     /// Whether it touches; `None`: wherever its gap is closed.
     touches: Option<bool>,
+    /// At the angle that is known: approach from which its gap is closed, m, place on the path, m, and,
+    /// once it was asked for, stiffness, N/m.
+    free_m: f64,
+    at_m: f64,
+    stiffness_n_per_m: Option<f64>,
 }
 
 /// Angle of the gear, rad, and approach and its rate of both flanks, m and m/s, at one moment.
@@ -72,6 +79,7 @@ impl Mesh {
             pairs: list,
             mean_n_per_m,
             active: [Vec::new(), Vec::new()],
+            known_rad: None,
             peak_force_n: 0.0,
             has_parted: false,
             design,
@@ -132,6 +140,7 @@ impl Mesh {
 
     /// Decides which pairs touch in a step in whose middle the gear has this angle.
     pub fn set_side(&mut self, gear_rad: f64) {
+        self.known_rad = None;
         let path = self.design.path;
         let pitch = TAU / self.design.gear.z();
         for flank in self.flanks() {
@@ -151,7 +160,16 @@ impl Mesh {
                     let at = if flank == 0 { s } else { -s };
                     let piece = self.pairs[pair].stiffness[flank].piece(at);
                     let gap = self.pairs[pair].gap[flank];
-                    active.push(Active { pitch_point_rad, pair, piece, gap, touches: None });
+                    active.push(Active {
+                        pitch_point_rad,
+                        pair,
+                        piece,
+                        gap,
+                        touches: None,
+                        free_m: 0.0,
+                        at_m: 0.0,
+                        stiffness_n_per_m: None,
+                    });
                 }
                 n += 1.0;
             }
@@ -159,36 +177,56 @@ impl Mesh {
         }
     }
 
-    /// By how much the gap of a pair is closed, m, and where on the path it is.
-    fn closed(
-        &self,
-        (flank, active): (usize, &Active),
-        gear_rad: f64,
-        approach_m: f64,
-    ) -> (f64, f64) {
+    /// The approach from which the gap of a pair is closed, m, and where on the path it is.
+    #[inline]
+    fn free(&self, (flank, active): (usize, &Active), gear_rad: f64) -> (f64, f64) {
         let path = self.design.path;
         let s = self.base_m * (gear_rad - active.pitch_point_rad);
         let at = if flank == 0 { s } else { -s };
         let xi = (2.0 * at - path.begin_m - path.end_m) / (path.end_m - path.begin_m);
         let play = if flank == 0 { 0.0 } else { self.design.backlash_m };
-        (approach_m - play - active.gap.at(xi), at)
+        (play + active.gap.at(xi), at)
+    }
+
+    /// Finds the places of the active pairs at this angle, unless they are known: stages of a step share
+    /// their angles.
+    #[inline]
+    fn know(&mut self, gear_rad: f64) {
+        if self.known_rad == Some(gear_rad) {
+            return;
+        }
+        self.known_rad = Some(gear_rad);
+        for flank in self.flanks() {
+            for i in 0..self.active[flank].len() {
+                let active = &self.active[flank][i];
+                let (free_m, at) = self.free((flank, active), gear_rad);
+                let active = &mut self.active[flank][i];
+                (active.free_m, active.at_m, active.stiffness_n_per_m) = (free_m, at, None);
+            }
+        }
     }
 
     /// Force of the drive and of the back flanks, N, each pushing its flanks apart, for their
     /// approaches without the backlash, m, and the approaches' rates, m/s (R25).
+    #[inline]
     pub fn force(
         &mut self,
         gear_rad: f64,
         approach_m: [f64; 2],
         rate_m_per_s: [f64; 2],
     ) -> [f64; 2] {
+        self.know(gear_rad);
         let mut forces = [0.0; 2];
         for flank in self.flanks() {
             let (mut force, mut touch) = (0.0, false);
-            for active in &self.active[flank] {
-                let (closed, at) = self.closed((flank, active), gear_rad, approach_m[flank]);
+            for active in &mut self.active[flank] {
+                let closed = approach_m[flank] - active.free_m;
                 if active.touches.unwrap_or(closed > 0.0) {
-                    force += closed * self.pairs[active.pair].stiffness[flank].at(active.piece, at);
+                    let curve = &self.pairs[active.pair].stiffness[flank];
+                    let known = active.stiffness_n_per_m;
+                    let stiffness = known.unwrap_or_else(|| curve.at(active.piece, active.at_m));
+                    active.stiffness_n_per_m = Some(stiffness);
+                    force += closed * stiffness;
                     touch = true;
                 }
             }
@@ -202,14 +240,19 @@ impl Mesh {
         forces
     }
 
+    /// Whether the drive flanks are held apart.
+    #[must_use]
+    pub fn is_apart(&self) -> bool {
+        self.active[0].iter().all(|active| active.touches == Some(false))
+    }
+
     /// Keeps the pairs that touch at a moment touching, and the others apart, up to the next
     /// [`Mesh::set_side`] or [`Mesh::cross`]: the force is then smooth in all its arguments.
     pub fn hold(&mut self, moment: &Moment) {
+        self.know(moment.gear_rad);
         for flank in self.flanks() {
-            for i in 0..self.active[flank].len() {
-                let pair = (flank, &self.active[flank][i]);
-                let (closed, _) = self.closed(pair, moment.gear_rad, moment.approach_m[flank]);
-                self.active[flank][i].touches = Some(closed > 0.0);
+            for active in &mut self.active[flank] {
+                active.touches = Some(moment.approach_m[flank] - active.free_m > 0.0);
             }
         }
     }
@@ -222,11 +265,12 @@ impl Mesh {
         for flank in self.flanks() {
             for (index, active) in self.active[flank].iter().enumerate() {
                 let at =
-                    |m: &Moment| self.closed((flank, active), m.gear_rad, m.approach_m[flank]).0;
-                let (x0, x1) = (at(from), at(to));
+                    |m: &Moment| m.approach_m[flank] - self.free((flank, active), m.gear_rad).0;
+                let x1 = at(to);
                 if active.touches.is_none_or(|touches| touches == (x1 > 0.0)) {
                     continue;
                 }
+                let x0 = at(from);
                 // What the gap itself changes is even over a step.
                 let gap = (x1 - x0) - (to.approach_m[flank] - from.approach_m[flank]);
                 let ends = [

@@ -1,8 +1,8 @@
 //! The inner loop of a [`PortRun`]: grid steps, cut at every edge of a defect.
 
-use super::lanes;
 use super::loads::{Look, Moment};
-use super::{PortRun, SAME_TIME, STRIDE, SetStep, Work};
+use super::{PortRun, RESTLESS_S, SAME_TIME, STRIDE, SetStep, Work};
+use crate::simulator::lanes::{Block, push};
 use crate::simulator::mesh::Crossing;
 use pulp::{Simd, WithSimd};
 
@@ -51,6 +51,8 @@ enum Event {
 enum Length {
     /// Those of the grid.
     Grid,
+    /// Those of a part of the grid's step.
+    Fine,
     /// Those of this length, s.
     Odd(f64),
 }
@@ -88,7 +90,9 @@ impl PortRun {
                 }
                 let is_whole = edge_s.is_none() && at_s <= begin_s;
                 let length = if is_whole { Length::Grid } else { Length::Odd(to_s - at_s) };
-                if self.cuts_at_contact || !self.loads.gears.is_empty() {
+                if self.parts_of_events > 1 {
+                    self.go(simd, length, &mut now, &turn);
+                } else if self.cuts_at_contact || !self.loads.gears.is_empty() {
                     self.reach(simd, length, &mut now, &turn);
                 } else {
                     self.step(simd, length, &mut now, &turn);
@@ -106,40 +110,104 @@ impl PortRun {
     /// added since the last time.
     #[inline(always)]
     fn anchor<S: Simd>(&mut self, simd: S, at_s: f64) -> Moment {
+        self.watched.forget_what_died(&mut self.list);
         let now = Moment::at(self.shaft_rad(at_s), &self.loads);
         self.ported.read(simd, &self.list, &mut self.work.free);
         let free = self.work.free.as_flattened();
-        for ((read, free), still) in self.work.now.iter_mut().zip(free).zip(&self.still) {
-            *read = free + now.of(still);
-        }
+        self.still.plus(simd, now.shafts(), free, &mut self.work.now);
         now
     }
 
     /// Forces at the ports now; where a stretch without edges begins, teeth are held as they are.
-    #[inline(always)]
     fn start_forces<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
-        let look = Look { now, read: &self.work.now };
+        simd.vectorize(Begin { run: self, now, holds });
+    }
+
+    #[inline(always)]
+    fn begin<S: Simd>(&mut self, simd: S, now: &Moment, holds: bool) {
+        let look = Look { now, read: self.work.now.as_flattened() };
         if holds {
             self.loads.hold(look);
         }
-        self.loads.forces(simd, look, true, &mut self.work.forces[0]);
+        self.loads.forces(simd, look, true, self.work.forces[0].as_flattened_mut());
+    }
+
+    /// Goes a length in one step; or in parts, where teeth are restless or if a ball touches or leaves in
+    /// it (unless that is cut): the step is taken back then. Forces at the start are known.
+    fn go<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
+        let is_calm = self.n_steps > self.restless_until && !self.loads.are_teeth_apart();
+        if is_calm && !self.reach_calmly(simd, length, now, turn) {
+            return;
+        }
+        let n_parts = self.parts_of_events;
+        let part = match length {
+            Length::Grid | Length::Fine => Length::Fine,
+            Length::Odd(step_s) => Length::Odd(step_s / f64::from(n_parts)),
+        };
+        for i in 0..n_parts {
+            if i > 0 {
+                self.start_forces(simd, now, true);
+            }
+            self.reach(simd, part, now, turn);
+        }
+    }
+
+    /// Goes a length unless it needs parts; whether it does, and nothing is done.
+    fn reach_calmly<S: Simd>(
+        &mut self,
+        simd: S,
+        length: Length,
+        now: &mut Moment,
+        turn: &Moment,
+    ) -> bool {
+        self.step_kept(simd, length, now, turn);
+        let whole_s = self.length_s(length);
+        let event = self.first_event(now, whole_s, false);
+        if matches!(event, Some(Event::Teeth(..))) {
+            self.restore(now);
+            return true;
+        }
+        if event.is_some() {
+            self.follow(simd, event, whole_s, now, turn);
+        } else if !self.cuts_at_contact && self.loads.has_touched() {
+            self.n_touches += 1;
+            self.restore(now);
+            return true;
+        }
+        false
+    }
+
+    /// Length of a step, s.
+    fn length_s(&self, length: Length) -> f64 {
+        match length {
+            Length::Grid => self.step_s,
+            Length::Fine => self.step_s / f64::from(self.parts_of_events),
+            Length::Odd(step_s) => step_s,
+        }
     }
 
     /// Goes a length in as many steps as teeth meet or part and balls touch or leave in it. The force
     /// of a ball that touches grows with t^1.5, which no polynomial follows: steps are cut there and
     /// grow from there on. Forces at the start are known.
-    #[inline(always)]
     fn reach<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        let whole_s = match length {
-            Length::Grid => self.step_s,
-            Length::Odd(step_s) => step_s,
-        };
-        let shortest_s = SAME_TIME * self.step_s;
+        let whole_s = self.length_s(length);
         self.step_kept(simd, length, now, turn);
-        let mut event = self.first_event(now, whole_s, false);
-        if event.is_none() {
-            return;
+        let event = self.first_event(now, whole_s, false);
+        if event.is_some() {
+            self.follow(simd, event, whole_s, now, turn);
         }
+    }
+
+    /// Takes a step of `whole_s` back in which something happened, and goes its length in pieces.
+    fn follow<S: Simd>(
+        &mut self,
+        simd: S,
+        mut event: Option<Event>,
+        whole_s: f64,
+        now: &mut Moment,
+        turn: &Moment,
+    ) {
+        let shortest_s = SAME_TIME * self.step_s;
         let mut ahead_s = std::mem::take(&mut self.work.ahead_s);
         ahead_s.clear();
         let (mut piece_s, mut n_cuts) = (whole_s, 0);
@@ -163,6 +231,15 @@ impl PortRun {
                 }
                 Some(Event::Teeth(..)) | None => {}
             }
+            match event {
+                Some(Event::Teeth(..)) => {
+                    #[expect(clippy::cast_possible_truncation, reason = "some hundred")]
+                    let n_steps = (RESTLESS_S / self.step_s).ceil() as i64;
+                    self.restless_until = self.n_steps + n_steps;
+                }
+                Some(Event::Ball(_)) => self.n_touches += 1,
+                None => {}
+            }
             n_cuts += usize::from(event.is_some());
             let Some(next_s) = ahead_s.pop() else { break };
             piece_s = next_s;
@@ -178,17 +255,16 @@ impl PortRun {
     }
 
     /// A step that can be taken back.
-    #[inline(always)]
     fn step_kept<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let kept = &mut self.kept;
-        kept.list.clone_from(&self.list);
         kept.read.clone_from(&self.work.now);
         kept.now.clone_from(now);
         self.step(simd, length, now, turn);
     }
 
+    /// Takes a step back; every step leaves the list before it.
     fn restore(&mut self, now: &mut Moment) {
-        self.list.copy_from_slice(&self.kept.list);
+        std::mem::swap(&mut self.list, &mut self.kept.list);
         self.work.now.copy_from_slice(&self.kept.read);
         now.clone_from(&self.kept.now);
     }
@@ -196,8 +272,8 @@ impl PortRun {
     /// What happened first in the last step, of `step_s`, that it should not have gone across; balls
     /// are left alone in small pieces.
     fn first_event(&mut self, after: &Moment, step_s: f64, is_small: bool) -> Option<Event> {
-        let before = Look { now: &self.kept.now, read: &self.kept.read };
-        let end = Look { now: after, read: &self.work.now };
+        let before = Look { now: &self.kept.now, read: self.kept.read.as_flattened() };
+        let end = Look { now: after, read: self.work.now.as_flattened() };
         if let Some((gear, crossing)) = self.loads.crossing(before, end, step_s) {
             return Some(Event::Teeth(gear, crossing));
         }
@@ -206,7 +282,7 @@ impl PortRun {
         }
         let middle_rad = 0.5 * (before.now.shaft_rad + after.shaft_rad);
         let middle = Moment::at(middle_rad, &self.loads);
-        let middle = Look { now: &middle, read: &self.work.middle };
+        let middle = Look { now: &middle, read: self.work.middle.as_flattened() };
         self.loads.first_touch([before, middle, end]).map(Event::Ball)
     }
 
@@ -255,8 +331,8 @@ impl PortRun {
     fn observe<S: Simd>(&mut self, simd: S, now: &Moment, out: &mut [Vec<f64>]) {
         self.watched.rows.times(simd, &self.list, &mut self.work.seen);
         let seen = self.work.seen.as_flattened();
-        let force = &self.work.forces[0];
-        let n = force.len().max(1);
+        let force = self.work.forces[0].as_flattened();
+        let n = self.ported.n_in;
         for (i, (list, still)) in out.iter_mut().zip(&self.watched.still).enumerate() {
             let direct = self.watched.direct.get(i * n..(i + 1) * n).unwrap_or_default();
             let pushed: f64 = direct.iter().zip(force).map(|(a, f)| a * f).sum();
@@ -265,67 +341,92 @@ impl PortRun {
     }
 
     /// One step from `now` on, with the forces now in `work.forces[0]`; leaves what is read at its end.
-    #[inline(always)]
     fn step<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
-        let odd_turn;
+        simd.vectorize(Step { run: self, length, now, turn });
+    }
+
+    #[inline(always)]
+    fn steps<S: Simd>(&mut self, simd: S, length: Length, now: &mut Moment, turn: &Moment) {
         let (map, turn) = match length {
             Length::Grid => (&self.grid, turn),
+            Length::Fine => (&self.fine, &self.fine_turn),
             Length::Odd(step_s) => {
-                let set = SetStep { map: &mut self.odd, ported: &self.ported, step_s };
-                set.with_simd(simd);
-                odd_turn = Moment::at(0.5 * self.speed_rad_per_s * step_s, &self.loads);
-                (&self.odd, &odd_turn)
+                if self.odd_s.to_bits() != step_s.to_bits() {
+                    self.odd_s = step_s;
+                    simd.vectorize(SetStep { map: &mut self.odd, ported: &self.ported, step_s });
+                    self.odd_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+                }
+                (&self.odd, &self.odd_turn)
             }
         };
-        let (n_in, n_out) = (self.ported.n_in, self.ported.n_out);
-        let Work { free, stage, middle, forces, amounts, now: at_end, .. } = &mut self.work;
+        let Work { free, stage, middle, forces, sums, now: at_end, .. } = &mut self.work;
         let [start, first, second, end] = forces;
         let (loads, still) = (&mut self.loads, &self.still);
         map.free.times(simd, &self.list, free);
-        let (free_middle, free_end) = free.as_flattened().split_at(n_out);
+        // Whole blocks of both: what is beyond is not asked for.
+        let free_middle = free.as_flattened();
+        let free_end = &free_middle[self.ported.n_out..];
         now.turn(turn);
-        sum(free_middle, now, still, stage);
-        push(&map.stage, start, stage);
-        loads.forces(simd, Look { now, read: stage }, false, first);
-        sum(free_middle, now, still, middle);
-        push(&map.stage, first, middle);
-        loads.forces(simd, Look { now, read: middle }, false, second);
+        still.plus(simd, now.shafts(), free_middle, stage);
+        middle.copy_from_slice(stage);
+        push(simd, &map.stage, start.as_flattened(), stage);
+        let look = Look { now, read: stage.as_flattened() };
+        loads.forces(simd, look, false, first.as_flattened_mut());
+        push(simd, &map.stage, first.as_flattened(), middle);
+        let look = Look { now, read: middle.as_flattened() };
+        loads.forces(simd, look, false, second.as_flattened_mut());
         now.turn(turn);
-        sum(free_end, now, still, at_end);
+        still.plus(simd, now.shafts(), free_end, at_end);
         stage.copy_from_slice(at_end);
-        for port in 0..n_in {
-            amounts[port] = 2.0 * second[port] - start[port];
+        let [both, ahead] = sums;
+        let pairs =
+            start.as_flattened().iter().zip(first.as_flattened()).zip(second.as_flattened());
+        let sums = both.as_flattened_mut().iter_mut().zip(ahead.as_flattened_mut());
+        for ((both, ahead), ((start, first), second)) in sums.zip(pairs) {
+            (*both, *ahead) = (first + second, 2.0 * second - start);
         }
-        push(&map.carried, start, stage);
-        push(&map.stage, &amounts[..n_in], stage);
-        loads.forces(simd, Look { now, read: stage }, false, end);
-        for port in 0..n_in {
-            amounts[port] = start[port];
-            amounts[n_in + port] = first[port] + second[port];
-            amounts[2 * n_in + port] = end[port];
+        push(simd, &map.carried, start.as_flattened(), stage);
+        push(simd, &map.stage, ahead.as_flattened(), stage);
+        let look = Look { now, read: stage.as_flattened() };
+        loads.forces(simd, look, false, end.as_flattened_mut());
+        let amounts: [&[Block]; 3] = [start, both, end];
+        for (weights, amounts) in map.weighted.iter().zip(amounts) {
+            push(simd, weights, amounts.as_flattened(), at_end);
         }
-        for (weights, amounts) in map.weighted.iter().zip(amounts.chunks_exact(n_in.max(1))) {
-            push(weights, amounts, at_end);
-        }
-        lanes::carry(simd, &map.whole, &map.columns, amounts, &mut self.list);
+        map.carry(simd, &self.ported, amounts, (&self.list, &mut self.kept.list));
+        std::mem::swap(&mut self.list, &mut self.kept.list);
     }
 }
 
-/// Free and steady motion together.
-#[inline(always)]
-fn sum(free: &[f64], now: &Moment, still: &[[f64; 3]], out: &mut [f64]) {
-    for ((out, free), still) in out.iter_mut().zip(free).zip(still) {
-        *out = free + now.of(still);
+/// [`PortRun::begin`] once in the program, not at every place that calls it.
+struct Begin<'a> {
+    run: &'a mut PortRun,
+    now: &'a Moment,
+    holds: bool,
+}
+
+impl WithSimd for Begin<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.run.begin(simd, self.now, self.holds);
     }
 }
 
-/// Adds to what is read what forces do to it.
-#[inline(always)]
-fn push(effect: &[f64], force: &[f64], read: &mut [f64]) {
-    let n = read.len().max(1);
-    for (row, force) in effect.chunks_exact(n).zip(force) {
-        for (read, effect) in read.iter_mut().zip(row) {
-            *read += effect * force;
-        }
+/// [`PortRun::steps`] likewise.
+struct Step<'a> {
+    run: &'a mut PortRun,
+    length: Length,
+    now: &'a mut Moment,
+    turn: &'a Moment,
+}
+
+impl WithSimd for Step<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.run.steps(simd, self.length, self.now, self.turn);
     }
 }

@@ -4,8 +4,8 @@
 //! Computed in the cage's frame, where the balls stand still: displacement is turned into it and the
 //! force back. Must not know shafts.
 
-use super::lanes::WIDTH;
 use crate::simulator::contact::Contacts;
+use crate::simulator::lanes::{Block, WIDTH};
 use pulp::Simd;
 
 /// A bearing's balls.
@@ -23,15 +23,15 @@ pub(super) struct Balls {
     was_over: bool,
     /// 2^j of ball j, 0 of what fills up.
     code: Vec<f64>,
-    /// Sum of the codes of the balls that carried load at the start of the step, and whether it was
-    /// another one later in it.
-    loaded: f64,
-    has_touched: bool,
+    /// Sums of the codes of the balls that carried load at the start of the step, side by side, and the
+    /// largest differences to them later in it.
+    loaded: Block,
+    changed: Block,
     /// Scratch: the same at three moments.
     gaps_m: [Vec<f64>; 3],
     factor: f64,
-    /// Largest approach of a ball so far, m.
-    peak_m: f64,
+    /// Largest approaches of balls so far, m.
+    peak_m: Block,
 }
 
 impl Balls {
@@ -50,11 +50,11 @@ impl Balls {
             is_moving: contacts.has_waves(),
             was_over: false,
             code,
-            loaded: 0.0,
-            has_touched: false,
+            loaded: [0.0; WIDTH],
+            changed: [0.0; WIDTH],
             gaps_m: Default::default(),
             factor: contacts.bearing().contact_factor,
-            peak_m: 0.0,
+            peak_m: [0.0; WIDTH],
             contacts,
             cos,
             sin,
@@ -76,7 +76,8 @@ impl Balls {
 
     /// Largest load of a ball so far, N.
     pub(super) fn peak_force_n(&self) -> f64 {
-        self.factor * self.peak_m * self.peak_m.sqrt()
+        let peak_m = self.peak_m.iter().fold(0.0_f64, |most, peak| most.max(*peak));
+        self.factor * peak_m * peak_m.sqrt()
     }
 
     /// Decides which balls are over which defects for a step whose middle has this shaft angle.
@@ -105,30 +106,36 @@ impl Balls {
             self.contacts.gaps_m(shaft_rad, &mut self.gap_m);
         }
         let u = simd.splat_f64s(x * cage.0 + y * cage.1);
-        let v = simd.splat_f64s(y * cage.0 - x * cage.1);
+        let v_across = simd.splat_f64s(y * cage.0 - x * cage.1);
         let zero = simd.splat_f64s(0.0);
-        let (mut along, mut across, mut peak, mut loaded) = (zero, zero, zero, zero);
+        let (mut along, mut across) = (zero, zero);
         let (code, _) = S::as_simd_f64s(&self.code);
         let (cos, _) = S::as_simd_f64s(&self.cos);
         let (sin, _) = S::as_simd_f64s(&self.sin);
         let (gap, _) = S::as_simd_f64s(&self.gap_m);
-        for (((&c, &s), &gap), &code) in cos.iter().zip(sin).zip(gap).zip(code) {
-            let mut approach = simd.sub_f64s(simd.mul_f64s(u, c), gap);
-            approach = simd.mul_add_e_f64s(v, s, approach);
-            let is_loaded = simd.less_than_f64s(zero, approach);
-            loaded = simd.add_f64s(loaded, simd.select_f64s(is_loaded, code, zero));
-            approach = simd.max_f64s(approach, zero);
-            let load = simd.mul_f64s(approach, simd.sqrt_f64s(approach));
-            along = simd.mul_add_e_f64s(load, c, along);
-            across = simd.mul_add_e_f64s(load, s, across);
-            peak = simd.max_f64s(peak, approach);
-        }
-        self.peak_m = self.peak_m.max(simd.reduce_max_f64s(peak));
-        let loaded = simd.reduce_sum_f64s(loaded);
-        if is_start {
-            (self.loaded, self.has_touched) = (loaded, false);
-        } else {
-            self.has_touched |= (loaded - self.loaded).abs() > 0.0;
+        let (peak, _) = S::as_mut_simd_f64s(&mut self.peak_m);
+        let (at_start, _) = S::as_mut_simd_f64s(&mut self.loaded);
+        let (changed, _) = S::as_mut_simd_f64s(&mut self.changed);
+        for v in 0..WIDTH / S::F64_LANES {
+            let mut loaded = zero;
+            let step = WIDTH / S::F64_LANES;
+            for i in (v..cos.len()).step_by(step) {
+                let mut approach = simd.sub_f64s(simd.mul_f64s(u, cos[i]), gap[i]);
+                approach = simd.mul_add_e_f64s(v_across, sin[i], approach);
+                let is_loaded = simd.less_than_f64s(zero, approach);
+                loaded = simd.add_f64s(loaded, simd.select_f64s(is_loaded, code[i], zero));
+                approach = simd.max_f64s(approach, zero);
+                let load = simd.mul_f64s(approach, simd.sqrt_f64s(approach));
+                along = simd.mul_add_e_f64s(load, cos[i], along);
+                across = simd.mul_add_e_f64s(load, sin[i], across);
+                peak[v] = simd.max_f64s(peak[v], approach);
+            }
+            if is_start {
+                (at_start[v], changed[v]) = (loaded, zero);
+            } else {
+                let change = simd.abs_f64s(simd.sub_f64s(loaded, at_start[v]));
+                changed[v] = simd.max_f64s(changed[v], change);
+            }
         }
         let along = self.factor * simd.reduce_sum_f64s(along);
         let across = self.factor * simd.reduce_sum_f64s(across);
@@ -153,7 +160,7 @@ impl Balls {
 
     /// Whether a ball touched or left since the step's start, as far as the stages saw.
     pub(super) fn has_touched(&self) -> bool {
-        self.has_touched
+        self.changed.iter().any(|change| *change > 0.0)
     }
 
     /// The part of a step after which a ball first touches or leaves, from angle of the shaft, that

@@ -4,8 +4,9 @@
 //! read of the motion: the displacement of every port, then the velocity of the gears' ports.
 
 use super::balls::Balls;
+use crate::simulator::linear::Still;
 use crate::simulator::mesh::{self, Crossing, Mesh};
-use crate::simulator::model::Model;
+use crate::simulator::model::{MAX_SHAFTS, Model};
 use pulp::Simd;
 
 /// All loads.
@@ -13,6 +14,8 @@ use pulp::Simd;
 pub(super) struct Loads {
     pub(super) seats: Vec<Seat>,
     pub(super) gears: Vec<Gear>,
+    /// Turns of every shaft to one of the first; 0 of one that is not there.
+    turns: [f64; MAX_SHAFTS],
 }
 
 /// A ball bearing with its two ports.
@@ -21,7 +24,8 @@ pub(super) struct Seat {
     pub(super) balls: Balls,
     /// Stiffness that is in the linear part and is given back here, N/m.
     pub(super) given_back_n_per_m: [[f64; 2]; 2],
-    cage_ratio: f64,
+    /// Turns of the cage to one of the first shaft.
+    cage_turns: f64,
 }
 
 /// A gear with a port for each flank that can touch: the direction in which its force pushes.
@@ -37,12 +41,13 @@ pub(super) struct Gear {
     velocity: usize,
 }
 
-/// Angles of shaft and cages at one moment.
+/// Angles of shafts and cages at one moment.
 #[derive(Debug, Clone)]
 pub(super) struct Moment {
+    /// Angle of the first shaft.
     pub(super) shaft_rad: f64,
-    /// cos and sin of the shaft's angle.
-    shaft: (f64, f64),
+    /// cos and sin of every shaft's angle.
+    shafts: [(f64, f64); MAX_SHAFTS],
     /// The same of every cage's.
     cages: Vec<(f64, f64)>,
 }
@@ -55,17 +60,11 @@ pub(super) struct Look<'a> {
 }
 
 impl Moment {
-    /// The angles of shaft and cages when the shaft's is this.
+    /// The angles of shafts and cages when the first shaft's is this.
     pub(super) fn at(shaft_rad: f64, loads: &Loads) -> Self {
-        let unit = |angle: f64| {
-            let (sin, cos) = angle.sin_cos();
-            (cos, sin)
-        };
-        Self {
-            shaft_rad,
-            shaft: unit(shaft_rad),
-            cages: loads.seats.iter().map(|seat| unit(seat.cage_ratio * shaft_rad)).collect(),
-        }
+        let mut moment = Self { shaft_rad, shafts: [(1.0, 0.0); MAX_SHAFTS], cages: Vec::new() };
+        moment.set(shaft_rad, loads);
+        moment
     }
 
     /// Goes on by these angles.
@@ -73,16 +72,37 @@ impl Moment {
     pub(super) fn turn(&mut self, by: &Self) {
         let turned = |(c, s): (f64, f64), (dc, ds): (f64, f64)| (c * dc - s * ds, s * dc + c * ds);
         self.shaft_rad += by.shaft_rad;
-        self.shaft = turned(self.shaft, by.shaft);
+        for (shaft, by) in self.shafts.iter_mut().zip(by.shafts) {
+            *shaft = turned(*shaft, by);
+        }
         for (cage, by) in self.cages.iter_mut().zip(&by.cages) {
             *cage = turned(*cage, *by);
         }
     }
 
-    /// Constant + cos and sin part.
+    /// cos and sin of every shaft's angle.
+    pub(super) fn shafts(&self) -> &[(f64, f64)] {
+        &self.shafts
+    }
+
+    /// The moment at which the first shaft has this angle.
+    pub(super) fn set(&mut self, shaft_rad: f64, loads: &Loads) {
+        let unit = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            (cos, sin)
+        };
+        (self.shaft_rad, self.shafts) =
+            (shaft_rad, loads.turns.map(|turns| unit(turns * shaft_rad)));
+        self.cages.clear();
+        self.cages.extend(loads.seats.iter().map(|seat| unit(seat.cage_turns * shaft_rad)));
+    }
+
+    /// Constant + cos and sin parts.
     #[inline(always)]
-    pub(super) fn of(&self, still: &[f64; 3]) -> f64 {
-        still[0] + still[1] * self.shaft.0 + still[2] * self.shaft.1
+    pub(super) fn of(&self, still: &Still) -> f64 {
+        let [constant, parts @ ..] = still;
+        let turning = parts.chunks_exact(2).zip(&self.shafts);
+        constant + turning.map(|(part, (cos, sin))| part[0] * cos + part[1] * sin).sum::<f64>()
     }
 }
 
@@ -90,7 +110,7 @@ impl Loads {
     /// Takes the loads of a model, with what of the bearings' stiffness the linear part holds.
     pub(super) fn new(model: &Model, stiffness_n_per_m: &[[[f64; 2]; 2]]) -> Self {
         let seat = |(seat, stiffness): (&crate::simulator::model::Seat, &[[f64; 2]; 2])| Seat {
-            cage_ratio: seat.contacts.bearing().cage_ratio,
+            cage_turns: seat.contacts.bearing().cage_turns(),
             given_back_n_per_m: *stiffness,
             balls: Balls::new(seat.contacts.clone()),
         };
@@ -110,7 +130,9 @@ impl Loads {
                 velocity: here.1,
             }
         });
-        Self { gears: gears.collect(), seats }
+        let mut turns = [0.0; MAX_SHAFTS];
+        turns.iter_mut().zip(&model.shafts).for_each(|(turns, shaft)| *turns = shaft.turns);
+        Self { gears: gears.collect(), seats, turns }
     }
 
     /// Exchanges bearings and teeth for those of a model with the same ports.
@@ -167,6 +189,11 @@ impl Loads {
             let moment = gear.moment(look);
             gear.mesh.hold(&moment);
         }
+    }
+
+    /// Whether drive flanks of a gear are held apart.
+    pub(super) fn are_teeth_apart(&self) -> bool {
+        self.gears.iter().any(|gear| gear.mesh.is_apart())
     }
 
     /// The first pair of teeth that meets or parts in a step of `step_s` between two looks, and its
@@ -242,6 +269,7 @@ pub(super) fn held(mesh: &Mesh) -> (f64, f64) {
 
 impl Gear {
     /// What the mesh sees: a port's motion is away from the flank.
+    #[inline]
     fn moment(&self, look: Look<'_>) -> mesh::Moment {
         let mut moment = mesh::Moment {
             gear_rad: look.now.shaft_rad,
@@ -255,6 +283,7 @@ impl Gear {
         moment
     }
 
+    #[inline]
     fn force(&mut self, look: Look<'_>, out: &mut [f64]) {
         let moment = self.moment(look);
         let forces = self.mesh.force(moment.gear_rad, moment.approach_m, moment.rate_m_per_s);

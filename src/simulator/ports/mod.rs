@@ -11,26 +11,24 @@
 mod advance;
 mod balls;
 mod filter;
-mod lanes;
 mod linearise;
 mod loads;
-mod spectrum;
 mod step;
 mod watched;
 
 #[cfg(test)]
 mod tests;
 
+use super::lanes::{self, Block, Turning, WIDTH};
 use super::linear::{LinearSystem, Steady};
 use super::mesh::Mesh;
 use super::model::Model;
 use super::run::Watch;
-use lanes::WIDTH;
+use super::spectrum::Spectrum;
 use linearise::{Ports, linearised};
 use loads::{Loads, Look, Moment};
 use nalgebra::Complex;
 use pulp::{Arch, Simd, WithSimd};
-use spectrum::Spectrum;
 use step::{Ported, StepMap};
 use watched::Watched;
 
@@ -39,6 +37,15 @@ const STRIDE: i64 = 64;
 
 /// Edges closer to each other, or to the grid, than this part of a step are one.
 const SAME_TIME: f64 = 1e-9;
+
+/// In how many parts steps are taken where balls touch or leave, whose force no polynomial follows, and
+/// while teeth are apart or have just met or parted: the linear part holds a mesh that is closed, and what it
+/// then gives back is large.
+const PARTS_OF_EVENTS: u32 = 2;
+
+/// For how long after teeth met or parted steps are taken in parts, s: the mesh's own motion has then
+/// died away.
+const RESTLESS_S: f64 = 1e-3;
 
 /// The run by which the stiffness of the contacts is taken: looks, and steps between two.
 const PILOT: (usize, usize) = (2000, 4);
@@ -68,23 +75,37 @@ pub struct PortRun {
     steady: Steady,
     ported: Ported,
     loads: Loads,
-    /// Steady part of what is read: constant, cos and sin part.
-    still: Vec<[f64; 3]>,
+    /// Steady part of what is read.
+    still: Turning,
     watched: Watched,
     grid: StepMap,
+    /// The same of a part of a step: see `parts_of_events`.
+    fine: StepMap,
     odd: StepMap,
+    /// Length for which `odd` is set, s.
+    odd_s: f64,
+    /// Half a step of the fine maps.
+    fine_turn: Moment,
+    /// Half a step of the odd maps.
+    odd_turn: Moment,
     speed_rad_per_s: f64,
     step_s: f64,
     /// Steps from one that is watched to the next.
     watched_every: i64,
     /// Whether steps are cut where balls touch or leave.
     cuts_at_contact: bool,
+    /// In how many parts a step is taken in which balls touch, or while teeth are restless, and up to
+    /// which step they are.
+    parts_of_events: u32,
+    restless_until: i64,
+    /// In how many steps balls touched or left so far.
+    n_touches: u64,
     n_steps: i64,
     /// Angles at the next step, if the last one ended there.
     now: Option<Moment>,
     /// Whether the next step must ask which balls are over defects.
     is_stale: bool,
-    /// The free motion.
+    /// The free motion, and the filters.
     list: Vec<f64>,
     work: Work,
     kept: Kept,
@@ -94,7 +115,7 @@ pub struct PortRun {
 #[derive(Debug, Clone)]
 struct Kept {
     list: Vec<f64>,
-    read: Vec<f64>,
+    read: Vec<Block>,
     now: Moment,
 }
 
@@ -102,16 +123,16 @@ struct Kept {
 #[derive(Debug, Clone, Default)]
 struct Work {
     /// What is read at the start of the step: see [`loads`].
-    now: Vec<f64>,
-    /// The same of the free motion in the middle and at the end; and what is watched.
-    free: Vec<[f64; WIDTH]>,
-    seen: Vec<[f64; WIDTH]>,
-    stage: Vec<f64>,
+    now: Vec<Block>,
+    /// The same of the free motion in the middle, behind it at the end; and what is watched.
+    free: Vec<Block>,
+    seen: Vec<Block>,
+    stage: Vec<Block>,
     /// What is read in the middle of the last step.
-    middle: Vec<f64>,
-    /// Forces at the ports: start, first and second of the middle, end; and what they amount to.
-    forces: [Vec<f64>; 4],
-    amounts: Vec<f64>,
+    middle: Vec<Block>,
+    /// Forces at the ports: start, first and second of the middle, end; and two sums of them.
+    forces: [Vec<Block>; 4],
+    sums: [Vec<Block>; 2],
     angles: Vec<f64>,
     edges_s: Vec<f64>,
     /// Pieces of a step that are still to go, the next last.
@@ -120,14 +141,15 @@ struct Work {
 
 impl Work {
     fn new((n_in, n_out): (usize, usize)) -> Self {
-        let blocks = |n_rows: usize| vec![[0.0; WIDTH]; n_rows.div_ceil(WIDTH)];
+        let blocks = |n: usize| vec![[0.0; WIDTH]; n.div_ceil(WIDTH)];
         Self {
-            now: vec![0.0; n_out],
-            stage: vec![0.0; n_out],
-            middle: vec![0.0; n_out],
-            free: blocks(2 * n_out),
-            forces: std::array::from_fn(|_| vec![0.0; n_in]),
-            amounts: vec![0.0; 3 * n_in],
+            now: blocks(n_out),
+            stage: blocks(n_out),
+            middle: blocks(n_out),
+            // Whole blocks are taken from where the second half begins.
+            free: blocks(2 * n_out + WIDTH),
+            forces: std::array::from_fn(|_| blocks(n_in)),
+            sums: [blocks(n_in), blocks(n_in)],
             ..Self::default()
         }
     }
@@ -170,16 +192,23 @@ impl PortRun {
         let spectrum = Spectrum::of(system.matrix())?;
         let loads = Loads::new(model, stiffness_n_per_m);
         let ports = Ports::new(model, &system);
+        if ports.rows.is_empty() {
+            return None;
+        }
         let watched = Watched::new((&system, &steady, &spectrum), &ports, &[]);
         let ported = ported(&spectrum, &ports, &watched);
         let mut run = Self {
             arch: Arch::new(),
             kept: Kept { list: Vec::new(), read: Vec::new(), now: Moment::at(0.0, &loads) },
+            odd_turn: Moment::at(0.0, &loads),
+            fine_turn: Moment::at(0.0, &loads),
             loads,
-            still: ports.outputs.iter().map(|row| steady.seen_by(row)).collect(),
+            still: still(&ports, &steady),
             watched,
             grid: StepMap::new(&ported),
+            fine: StepMap::new(&ported),
             odd: StepMap::new(&ported),
+            odd_s: 0.0,
             model: model.clone(),
             list: vec![0.0; lanes::list_len(spectrum.values.len())],
             n_steps: first_step,
@@ -192,6 +221,9 @@ impl PortRun {
             step_s,
             watched_every: 1,
             cuts_at_contact: false,
+            parts_of_events: PARTS_OF_EVENTS,
+            restless_until: i64::MIN,
+            n_touches: 0,
             now: None,
             is_stale: true,
         };
@@ -204,6 +236,11 @@ impl PortRun {
     fn set_grid(&mut self) {
         let set = SetStep { map: &mut self.grid, ported: &self.ported, step_s: self.step_s };
         self.arch.dispatch(set);
+        let step_s = self.step_s / f64::from(self.parts_of_events);
+        let set = SetStep { map: &mut self.fine, ported: &self.ported, step_s };
+        self.arch.dispatch(set);
+        self.fine_turn.set(0.5 * self.speed_rad_per_s * step_s, &self.loads);
+        self.odd_s = 0.0;
     }
 
     /// Runs a while and tells the mean tangent stiffness of every ball bearing, N/m: about it, what
@@ -214,7 +251,7 @@ impl PortRun {
         for _ in 0..PILOT.0 {
             self.fill(PILOT.1, &mut []);
             let now = Moment::at(self.shaft_rad(self.time_s()), &self.loads);
-            let look = Look { now: &now, read: &self.work.now };
+            let look = Look { now: &now, read: self.work.now.as_flattened() };
             for (sum, now) in sums.iter_mut().zip(self.loads.stiffness_n_per_m(look)) {
                 sum.iter_mut().zip(now).for_each(|(sum, now)| *sum += now / PILOT.0 as f64);
             }
@@ -243,13 +280,23 @@ impl PortRun {
     pub fn watching(mut self, sensed: &[Sensed], every: u32) -> Self {
         self.watched_every = i64::from(every.max(1));
         self.set_watches(sensed);
-        let n_motion = self.spectrum.values.len();
-        let mut numbers = lanes::numbers(&self.list, n_motion);
-        let empty = vec![Complex::new(0.0, 0.0); self.watched.n_poles()];
-        let own = self.watched.states(&empty, &numbers, self.turn(), -1.0);
-        numbers.extend(own);
-        self.list = lanes::list(&numbers);
+        let empty = vec![Complex::new(0.0, 0.0); self.watched.n_states()];
+        self.begin_filters(&empty);
         self
+    }
+
+    /// The motion's coordinates.
+    fn motion(&self) -> Vec<Complex<f64>> {
+        lanes::numbers(&self.list, self.spectrum.values.len())
+    }
+
+    /// Lets the filters go on from these states.
+    fn begin_filters(&mut self, states: &[Complex<f64>]) {
+        let motion = self.motion();
+        let filters = self.watched.begun(states, &motion, &self.turn());
+        self.list.truncate(lanes::list_len(motion.len()));
+        self.list.extend(filters);
+        self.kept.list = self.list.clone();
     }
 
     fn set_watches(&mut self, sensed: &[Sensed]) {
@@ -258,20 +305,39 @@ impl PortRun {
         self.watched = Watched::new(linear, &ports, sensed);
         self.ported = ported(&self.spectrum, &ports, &self.watched);
         self.grid = StepMap::new(&self.ported);
+        self.fine = StepMap::new(&self.ported);
         self.odd = StepMap::new(&self.ported);
         self.set_grid();
         self.work.seen = vec![[0.0; WIDTH]; sensed.len().div_ceil(WIDTH)];
     }
 
-    /// e^{iφ} at the next step's beginning.
-    fn turn(&self) -> Complex<f64> {
-        Complex::from_polar(1.0, self.shaft_rad(self.time_s()))
+    /// e^{iφ} of every shaft at the next step's beginning.
+    fn turn(&self) -> Vec<Complex<f64>> {
+        let first_rad = self.shaft_rad(self.time_s());
+        let angles = self.model.shafts.iter().map(|shaft| shaft.turns * first_rad);
+        angles.map(|angle| Complex::from_polar(1.0, angle)).collect()
     }
 
     /// Number of watches.
     #[must_use]
     pub fn n_watches(&self) -> usize {
         self.watched.still.len()
+    }
+
+    /// Takes steps in so many parts, not in two, where balls touch or teeth are restless. To be used
+    /// before the first step.
+    #[cfg(test)]
+    #[must_use]
+    fn with_parts_of_events(mut self, parts: u32) -> Self {
+        self.parts_of_events = parts.max(1);
+        self.set_grid();
+        self
+    }
+
+    /// In how many steps balls touched or left so far.
+    #[must_use]
+    pub fn n_touches(&self) -> u64 {
+        self.n_touches
     }
 
     /// Cuts steps where balls touch or leave, which keeps the order of four.
@@ -284,6 +350,7 @@ impl PortRun {
     fn set_state(&mut self, (q, v): (&[f64], &[f64])) {
         let free = self.system.state(q, v) - self.steady.state(self.shaft_rad(self.time_s()));
         self.list = lanes::list(&self.spectrum.input(&free));
+        self.kept.list = self.list.clone();
         (self.now, self.is_stale) = (None, true);
     }
 
@@ -300,8 +367,7 @@ impl PortRun {
     /// Displacements and velocities of all coordinates at the next step's beginning.
     #[must_use]
     pub fn state(&self) -> (Vec<f64>, Vec<f64>) {
-        let coordinates = lanes::numbers(&self.list, self.spectrum.values.len());
-        let free = self.spectrum.state(&coordinates);
+        let free = self.spectrum.state(&self.motion());
         self.system.coordinates(&(free + self.steady.state(self.shaft_rad(self.time_s()))))
     }
 
@@ -311,20 +377,15 @@ impl PortRun {
     pub fn change(&mut self, model: &Model, sensed: &[Sensed]) -> bool {
         let Some(steady) = self.system.steady(model) else { return false };
         let (q, v) = self.state();
-        let n_motion = self.spectrum.values.len();
-        let all = lanes::numbers(&self.list, n_motion + self.watched.n_poles());
-        let (motion, own) = all.split_at(n_motion);
-        let in_filters = self.watched.states(own, motion, self.turn(), 1.0);
+        let in_filters = self.watched.states(&self.list, &self.motion(), &self.turn());
         self.loads.exchange(model);
         self.steady = steady;
         self.model = model.clone();
         self.set_watches(sensed);
         let ports = Ports::new(model, &self.system);
-        self.still = ports.outputs.iter().map(|row| self.steady.seen_by(row)).collect();
+        self.still = still(&ports, &self.steady);
         self.set_state((&q, &v));
-        let mut numbers = lanes::numbers(&self.list, n_motion);
-        numbers.extend(self.watched.states(&in_filters, &numbers, self.turn(), -1.0));
-        self.list = lanes::list(&numbers);
+        self.begin_filters(&in_filters);
         true
     }
 
@@ -364,15 +425,17 @@ impl PortRun {
     }
 }
 
-/// The coordinates of the motion and of the filters, with the ports.
+/// The coordinates of the motion with the ports, and the filters' poles.
 fn ported(spectrum: &Spectrum, ports: &Ports, watched: &Watched) -> Ported {
-    let values: Vec<_> = spectrum.values.iter().copied().chain(watched.rates()).collect();
-    let with_filters = |(port, input): (usize, &nalgebra::DVector<f64>)| {
-        spectrum.input(input).into_iter().chain(watched.input(port)).collect()
-    };
-    let inputs: Vec<Vec<_>> = ports.inputs.iter().enumerate().map(with_filters).collect();
+    let inputs: Vec<Vec<_>> = ports.inputs.iter().map(|input| spectrum.input(input)).collect();
     let outputs: Vec<_> = ports.outputs.iter().map(|row| spectrum.output(row)).collect();
-    Ported::new(&values, &inputs, &outputs, spectrum.values.len())
+    Ported::new(&spectrum.values, &inputs, &outputs, &watched.poles)
+}
+
+/// Steady part of what is read.
+fn still(ports: &Ports, steady: &Steady) -> Turning {
+    let parts: Vec<_> = ports.outputs.iter().map(|row| steady.seen_by(row)).collect();
+    Turning::new(&parts, steady.n_shafts())
 }
 
 struct SetStep<'a> {

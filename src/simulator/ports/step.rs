@@ -3,7 +3,7 @@
 //!
 //! Must not know what makes the forces.
 
-use super::lanes::{self, GROUP, Numbers, Rows, WIDTH};
+use crate::simulator::lanes::{self, Block, GROUP, Numbers, Rows, WIDTH};
 use nalgebra::Complex;
 use pulp::Simd;
 
@@ -14,8 +14,11 @@ pub(super) struct Ported {
     pub(super) n_in: usize,
     /// Number of motions that are read: the displacement of every port, then what else is asked for.
     pub(super) n_out: usize,
-    /// λ, laid out.
+    /// λ of the coordinates, laid out, and behind them the poles of the filters.
     lambda: Vec<f64>,
+    /// Length of the list of the coordinates.
+    len: usize,
+    pub(super) n_poles: usize,
     /// Largest |λ|, rad/s.
     largest: f64,
     /// What a unit force at each port does, laid out.
@@ -28,24 +31,25 @@ pub(super) struct Ported {
 /// The maps of one step length.
 #[derive(Debug, Clone, Default)]
 pub(super) struct StepMap {
-    /// exp(λ·h), laid out.
+    /// exp(λ·h), laid out, of the coordinates and the poles.
     pub(super) whole: Vec<f64>,
     /// What is read of the free motion in the middle, then at the end.
     pub(super) free: Rows,
     /// For each group, one group a column: forces at the start of every port, those in the middle,
     /// those at the end.
     pub(super) columns: Vec<f64>,
-    /// What is read in the middle by a force from the start on; [from·n_out + at].
-    pub(super) stage: Vec<f64>,
+    /// What is read in the middle by a force from the start on: blocks of every port.
+    pub(super) stage: Vec<Block>,
     /// What is read at the end by the force that acted over the first half.
-    pub(super) carried: Vec<f64>,
+    pub(super) carried: Vec<Block>,
     /// What is read at the end by the weighted forces of start, middle and end.
-    pub(super) weighted: [Vec<f64>; 3],
+    pub(super) weighted: [Vec<Block>; 3],
     /// Scratch: exp(λ·h/2), effect of a force over half a step, and one column.
     half: Vec<f64>,
     half_force: Vec<f64>,
     column: Vec<f64>,
-    sums: Vec<[f64; WIDTH]>,
+    sums: Vec<Block>,
+    /// Weights of R9 for the forces at start, in the middle and at the end, laid out like `whole`.
     powers: [Vec<f64>; 3],
 }
 
@@ -64,14 +68,15 @@ const fn inverse_factorials() -> [f64; 18] {
 }
 
 impl Ported {
-    /// Coordinates of rates λ with what forces do to them, and how the first `n_read` of them are read.
+    /// Coordinates of rates λ with what forces do to them and how they are read, and poles of filters
+    /// that the forces drive.
     pub(super) fn new(
         values: &[Complex<f64>],
         inputs: &[Vec<Complex<f64>>],
         outputs: &[Vec<Complex<f64>>],
-        n_read: usize,
+        poles: &[Complex<f64>],
     ) -> Self {
-        let (n_out, len) = (outputs.len(), lanes::list_len(n_read));
+        let (n_out, len) = (outputs.len(), lanes::list_len(values.len()));
         let (mut early, mut late) = (Rows::zero(2 * n_out, len), Rows::zero(2 * n_out, len));
         for (i, weights) in outputs.iter().enumerate() {
             early.set(i, weights);
@@ -80,8 +85,10 @@ impl Ported {
         Self {
             n_in: inputs.len(),
             n_out,
-            lambda: lanes::list(values),
-            largest: values.iter().map(|value| value.norm()).fold(0.0, f64::max),
+            lambda: [lanes::list(values), lanes::list(poles)].concat(),
+            len,
+            n_poles: poles.len(),
+            largest: values.iter().chain(poles).map(|value| value.norm()).fold(0.0, f64::max),
             inputs: inputs.iter().map(|input| lanes::list(input)).collect(),
             early,
             late,
@@ -91,27 +98,55 @@ impl Ported {
     /// What is read of a free motion, into the first numbers of `out`.
     #[inline(always)]
     pub(super) fn read<S: Simd>(&self, simd: S, list: &[f64], out: &mut [[f64; WIDTH]]) {
-        self.early.times(simd, list, out);
+        self.early.times(simd, list, &mut out[..self.n_out.div_ceil(WIDTH)]);
     }
 }
 
 impl StepMap {
     /// Room for the maps of `ported`.
     pub(super) fn new(ported: &Ported) -> Self {
-        let (n_in, n_out, len) = (ported.n_in, ported.n_out, ported.lambda.len());
-        let table = || vec![0.0; n_in * n_out];
+        let (n_in, n_out, len) = (ported.n_in, ported.n_out, ported.len);
+        let table = || vec![[0.0; WIDTH]; n_in * n_out.div_ceil(WIDTH)];
+        let all = ported.lambda.len();
         Self {
-            whole: vec![0.0; len],
+            whole: vec![0.0; all],
             free: Rows::zero(2 * n_out, ported.early.len()),
             columns: vec![0.0; 3 * n_in * len],
             stage: table(),
             carried: table(),
             weighted: [table(), table(), table()],
-            half: vec![0.0; len],
-            half_force: vec![0.0; len],
+            half: vec![0.0; all],
+            half_force: vec![0.0; all],
             column: vec![0.0; len],
             sums: vec![[0.0; WIDTH]; (2 * n_out).div_ceil(WIDTH)],
-            powers: [vec![0.0; len], vec![0.0; len], vec![0.0; len]],
+            powers: [vec![0.0; all], vec![0.0; all], vec![0.0; all]],
+        }
+    }
+
+    /// Carries coordinates and filters over a step by the amounts of force at start, in the middle and
+    /// at the end, eight ports a block.
+    #[inline(always)]
+    pub(super) fn carry<S: Simd>(
+        &self,
+        simd: S,
+        ported: &Ported,
+        amounts: [&[Block]; 3],
+        (from, to): (&[f64], &mut [f64]),
+    ) {
+        let (from, from_filters) = from.split_at(ported.len);
+        let (to, to_filters) = to.split_at_mut(ported.len);
+        let flat = amounts.map(|blocks| blocks.as_flattened());
+        lanes::carry(simd, &self.whole, (&self.columns, ported.n_in), flat, (from, to));
+        if ported.n_poles == 0 {
+            return;
+        }
+        let each = from_filters.len() / ported.n_poles;
+        let [first, second, third] = &self.powers;
+        let lists = from_filters.chunks_exact(each).zip(to_filters.chunks_exact_mut(each));
+        for (p, (from, to)) in lists.enumerate() {
+            let k = ported.len / GROUP * WIDTH + p;
+            let weights = [&self.whole, first, second, third].map(|list| number(list, k));
+            lanes::carry_alike(simd, weights, amounts, (from, to));
         }
     }
 
@@ -147,14 +182,13 @@ impl StepMap {
                 phi[1].times(simd, 0.5 * step_s).store(&mut self.half_force[at.clone()], v);
                 let [whole, one, two, three] = doubled(simd, phi);
                 whole.store(&mut self.whole[at.clone()], v);
-                let sum = |a: f64, b: f64, c: f64| {
-                    let first = one.times(simd, a * step_s);
-                    let second = two.times(simd, b * step_s);
-                    first.plus(simd, second).plus(simd, three.times(simd, c * step_s))
-                };
-                sum(1.0, -3.0, 4.0).store(&mut self.powers[0][at.clone()], v);
-                sum(0.0, 2.0, -4.0).store(&mut self.powers[1][at.clone()], v);
-                sum(0.0, -1.0, 4.0).store(&mut self.powers[2][at.clone()], v);
+                let (one, two) = (one.times(simd, step_s), two.times(simd, step_s));
+                let four = three.times(simd, 4.0 * step_s);
+                let start = one.plus(simd, two.times(simd, -3.0)).plus(simd, four);
+                start.store(&mut self.powers[0][at.clone()], v);
+                let middle = two.plus(simd, two).plus(simd, four.times(simd, -1.0));
+                middle.store(&mut self.powers[1][at.clone()], v);
+                four.plus(simd, two.times(simd, -1.0)).store(&mut self.powers[2][at.clone()], v);
             }
         }
     }
@@ -167,9 +201,10 @@ impl StepMap {
             for g in 0..block.len() / GROUP {
                 for k in 0..WIDTH {
                     let (re, im) = (g * GROUP + k, g * GROUP + WIDTH + k);
-                    let [half_re, half_im, whole_re, whole_im] =
-                        [self.half[re], self.half[im], self.whole[re], self.whole[im]]
-                            .map(|x| simd.splat_f64s(x));
+                    let half_re = simd.splat_f64s(self.half[re]);
+                    let half_im = simd.splat_f64s(self.half[im]);
+                    let whole_re = simd.splat_f64s(self.whole[re]);
+                    let whole_im = simd.splat_f64s(self.whole[im]);
                     let (early_re, _) = S::as_simd_f64s(&early[re]);
                     let (early_im, _) = S::as_simd_f64s(&early[im]);
                     let (late_re, _) = S::as_simd_f64s(&late[re]);
@@ -200,14 +235,17 @@ impl StepMap {
     fn port<S: Simd>(&mut self, simd: S, ported: &Ported, port: usize) {
         let (n_in, n) = (ported.n_in, ported.n_out);
         let input = &ported.inputs[port];
-        let at = |from: usize| port * n + from;
+        let place = port * n.div_ceil(WIDTH) * WIDTH;
+        let at = place..place + n;
         product(simd, &self.half_force, input, &mut self.column);
-        ported.early.times(simd, &self.column, &mut self.sums);
+        // The later blocks of the rows of now are empty.
+        let n_now = n.div_ceil(WIDTH);
+        ported.early.times(simd, &self.column, &mut self.sums[..n_now]);
         let sums = self.sums.as_flattened();
-        self.stage[at(0)..at(n)].copy_from_slice(&sums[..n]);
-        self.free.times(simd, &self.column, &mut self.sums);
+        self.stage.as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
+        self.free.times(simd, &self.column, &mut self.sums[..n_now]);
         let sums = self.sums.as_flattened();
-        self.carried[at(0)..at(n)].copy_from_slice(&sums[..n]);
+        self.carried.as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
         for kind in 0..3 {
             product(simd, &self.powers[kind], input, &mut self.column);
             let place = (kind * n_in + port) * GROUP;
@@ -215,11 +253,17 @@ impl StepMap {
                 let start = g * 3 * n_in * GROUP + place;
                 self.columns[start..start + GROUP].copy_from_slice(group);
             }
-            ported.early.times(simd, &self.column, &mut self.sums);
+            ported.early.times(simd, &self.column, &mut self.sums[..n_now]);
             let sums = self.sums.as_flattened();
-            self.weighted[kind][at(0)..at(n)].copy_from_slice(&sums[..n]);
+            self.weighted[kind].as_flattened_mut()[at.clone()].copy_from_slice(&sums[..n]);
         }
     }
+}
+
+/// The number at place `k` of a list.
+fn number(list: &[f64], k: usize) -> [f64; 2] {
+    let (re, im) = lanes::places(k);
+    [list[re], list[im]]
 }
 
 /// Products of two lists, number by number.

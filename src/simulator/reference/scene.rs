@@ -3,6 +3,7 @@
 use super::super::build::{self, Built, Plan};
 use super::super::linear::LinearSystem;
 use super::super::model::Model;
+use super::super::rotor::Place;
 use super::super::run::{Quantity, Watch};
 use super::super::scene::{Scene, SceneErrors, SceneSensor, SensorKind, Start};
 use super::super::sensor::{Chain, SensorModel};
@@ -35,19 +36,19 @@ impl Setting {
     /// What [`Simulation::new`](super::super::simulation::Simulation::new) refuses.
     pub fn new(scene: &Scene) -> Result<Self, SceneErrors> {
         let Built { plane, model, plan } = build::build(scene)?;
-        let row = |at_m: f64| model.basis.row(plane.displacement_at(at_m));
-        let both = |at_m: f64| {
+        let row = |place: Place| model.basis.row(plane.displacement_at(place));
+        let both = |place: Place| {
             [0.0, 0.25 * TAU].map(|axis_rad| Watch {
-                row: row(at_m),
+                row: row(place),
                 axis_rad,
                 quantity: Quantity::Displacement,
             })
         };
-        let bearings = scene.bearings.iter().flat_map(|bearing| both(bearing.at_m)).collect();
+        let bearings = scene.bearings.iter().flat_map(|bearing| both(bearing.place)).collect();
         let watching: Vec<&SceneSensor> =
             scene.sensors.iter().filter(|sensor| sensor.kind != SensorKind::Tacho).collect();
         let watch = |sensor: &&SceneSensor| Watch {
-            row: row(sensor.at_m),
+            row: row(sensor.place),
             axis_rad: sensor.axis_rad,
             quantity: match sensor.kind {
                 SensorKind::Accelerometer => Quantity::Acceleration,

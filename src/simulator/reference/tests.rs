@@ -165,8 +165,8 @@ fn unbalance_and_bow_of_a_jeffcott_rotor_are_the_closed_form() {
     for ratio in [0.1, 0.5_f64.sqrt(), 1.0, 3.0] {
         let speed = SpeedProfile::Constant(ratio * 100.0 / TAU);
         let mut model = Model::new(jeffcott(), zeta, speed);
-        model.unbalance.add(&[1.0], 0.0);
-        model.bow.add(&[bow * 1e4], beta);
+        model.shafts[0].unbalance.add(&[1.0], 0.0);
+        model.shafts[0].bow.add(&[bow * 1e4], beta);
         let mut reference = Reference::new(model, 0.02, None, 1e-12);
         // The transient falls to e^(−0.05·100·8) = 4e-18.
         while reference.time_s() <= 8.0 {

@@ -246,7 +246,7 @@ fn errors(text: &str, steps_s: [f64; 3], seconds: f64) -> [f64; 3] {
     let scene = Scene::parse(text, "s").unwrap();
     let built = build::build(&scene).unwrap();
     let n = built.model.basis.len();
-    let row = built.model.basis.row(built.plane.displacement_at(scene.bearings[1].at_m));
+    let row = built.model.basis.row(built.plane.displacement_at(scene.bearings[1].place));
     let track = |step_s: f64| {
         let rest = Some((vec![0.0; 2 * n], vec![0.0; 2 * n]));
         let mut run = Run::new(built.model.clone(), step_s, rest);

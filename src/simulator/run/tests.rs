@@ -41,8 +41,8 @@ fn unbalance_and_bow_of_a_jeffcott_rotor_are_the_closed_form() {
     {
         let speed_hz = ratio * 100.0 / TAU;
         let mut model = Model::new(jeffcott(), zeta, SpeedProfile::Constant(speed_hz));
-        model.unbalance.add(&[eccentricity], 0.0);
-        model.bow.add(&[bow * 1e4], beta);
+        model.shafts[0].unbalance.add(&[eccentricity], 0.0);
+        model.shafts[0].bow.add(&[bow * 1e4], beta);
         let (found, angle) = settle(Run::new(model, 1e-4, None), 8.0);
         // (e·r² + δ₀·e^{iβ})/(1 − r² + 2iζr), turned with the shaft.
         let (top_re, top_im) = (eccentricity * ratio * ratio + bow * beta.cos(), bow * beta.sin());
@@ -81,6 +81,7 @@ pub(in crate::simulator) fn set_a(width_inch: f64, depth_mil: f64) -> (Model, Pl
         };
         let bearing = BallBearing {
             balls: 11,
+            turns: 1.0,
             contact_factor: 9.239e9,
             clearance_m: -0.5e-6,
             cage_ratio: 1.0 / 2.62,

@@ -40,6 +40,14 @@ pub(super) fn check(scene: &Scene, faults: &Faults) -> Result<(), ScenarioError>
         let found = format!("{} um", amplitude_m * 1e6);
         inside(amplitude_m, LARGEST_M, "bow, amplitude_um", found)?;
         finite(bow.angle_rad, "bow, angle_deg")?;
+        if scene.shaft_of(bow).is_none() {
+            let names: Vec<&str> = scene.shafts.iter().map(|shaft| shaft.id.as_str()).collect();
+            return Err(ScenarioError::Fault {
+                place: "bow, shaft".to_owned(),
+                found: format!("{:?}", bow.shaft.as_deref().unwrap_or_default()),
+                allowed: format!("the id of a shaft of the scene: {}", names.join(", ")),
+            });
+        }
     }
     Ok(())
 }

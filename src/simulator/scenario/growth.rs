@@ -105,9 +105,11 @@ fn is_same(a: &(String, SceneDefect), b: &(String, SceneDefect)) -> bool {
 }
 
 fn bow_between(from: Option<&Bow>, to: Option<&Bow>, part: f64) -> Option<Bow> {
+    let shaft = from.or(to).and_then(|bow| bow.shaft.clone());
     let vector = |bow: Option<&Bow>| match bow {
         None => Some((0.0, 0.0)),
-        Some(Bow { angle_rad, shape: BowShape::HalfSine { amplitude_m } }) => {
+        Some(bow) if bow.shaft != shaft => None,
+        Some(Bow { angle_rad, shape: BowShape::HalfSine { amplitude_m }, .. }) => {
             Some((amplitude_m * angle_rad.cos(), amplitude_m * angle_rad.sin()))
         }
         Some(Bow { shape: BowShape::Points(_), .. }) => None,
@@ -116,7 +118,7 @@ fn bow_between(from: Option<&Bow>, to: Option<&Bow>, part: f64) -> Option<Bow> {
         let (x, y) = (a.0 + part * (b.0 - a.0), a.1 + part * (b.1 - a.1));
         let amplitude_m = x.hypot(y);
         let shape = BowShape::HalfSine { amplitude_m };
-        return (amplitude_m > 0.0).then(|| Bow { angle_rad: y.atan2(x), shape });
+        return (amplitude_m > 0.0).then(|| Bow { shaft, angle_rad: y.atan2(x), shape });
     }
     let (bow, size) = if part < 0.5 { (from, 1.0 - 2.0 * part) } else { (to, 2.0 * part - 1.0) };
     bow.filter(|_| size > 0.0).map(|bow| scaled(bow, size))
@@ -129,5 +131,5 @@ fn scaled(bow: &Bow, by: f64) -> Bow {
             BowShape::Points(points.iter().map(|(at_m, d_m)| (*at_m, by * d_m)).collect())
         }
     };
-    Bow { shape, ..*bow }
+    Bow { shape, ..bow.clone() }
 }

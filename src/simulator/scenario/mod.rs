@@ -25,7 +25,7 @@ const BAD_BEARING: SceneDefect = SceneDefect {
 
 /// The bow of a bad shaft `BS`: half a sine wave of 8 mil.
 const BAD_SHAFT: Bow =
-    Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m: 8.0 * 25.4e-6 } };
+    Bow { shaft: None, angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m: 8.0 * 25.4e-6 } };
 
 /// The worn tooth of a bad gear `BG`: half a mil off the flank of tooth 23.
 const BAD_GEAR: ToothFault = ToothFault {

@@ -88,7 +88,7 @@ fn numbers_out_of_range_are_refused_at_their_place() {
         Faults { defects: vec![("middle".to_owned(), d)], bow: None, ..Faults::default() };
     assert!(told(elsewhere).ends_with("a ball bearing of the scene: left, right"));
     for amplitude_m in [0.0, -1e-3, 0.1, f64::NAN] {
-        let bow = Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } };
+        let bow = Bow { shaft: None, angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } };
         let bent = Faults { defects: Vec::new(), bow: Some(bow), ..Faults::default() };
         assert!(told(bent).starts_with("bow, amplitude_um"));
     }
@@ -113,7 +113,7 @@ fn damage_grows_in_proportion_and_bows_add_as_vectors() {
     assert!((grown.defects[0].1.width_m - 2.0 * 1.27e-3).abs() < 1e-15 && grown.defects.len() == 1);
     let bent = |angle_rad| Faults {
         defects: Vec::new(),
-        bow: Some(Bow { angle_rad, shape: BowShape::HalfSine { amplitude_m: 1e-4 } }),
+        bow: Some(Bow { shaft: None, angle_rad, shape: BowShape::HalfSine { amplitude_m: 1e-4 } }),
         ..Faults::default()
     };
     let turned = between(&bent(0.0), &bent(0.5 * PI), 0.5).bow.unwrap();
@@ -123,7 +123,7 @@ fn damage_grows_in_proportion_and_bows_add_as_vectors() {
     let points = BowShape::Points(vec![(0.1, 0.0), (0.2, -1e-4), (0.3, 0.0)]);
     let other = Faults {
         defects: Vec::new(),
-        bow: Some(Bow { angle_rad: 0.0, shape: points }),
+        bow: Some(Bow { shaft: None, angle_rad: 0.0, shape: points }),
         ..Faults::default()
     };
     let sizes = [0.25, 0.5, 0.75].map(|part| {

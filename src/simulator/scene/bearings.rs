@@ -2,6 +2,7 @@
 
 use super::lengths::{Span, angle, length, length_keys, number_or};
 use super::parts::{self, POISSON, YOUNG_GPA};
+use super::shafts::Shafts;
 use super::{BearingKind, ProfileKind, SceneBall, SceneBearing, SceneDefect};
 use crate::machine::bearing::{BearingGeometry, RotatingRing};
 use crate::machine::file::general::ID;
@@ -46,12 +47,12 @@ pub(super) fn ids<'s>(sections: &mut [Section<'s>]) -> Ids<'s> {
 pub(super) fn read(
     mut section: Section<'_>,
     id: Option<&str>,
-    length_m: f64,
+    shafts: &Shafts,
 ) -> Option<SceneBearing> {
     let s = &mut section;
     let kinds = [("ball", Kind::Ball), ("linear", Kind::Linear)];
     let kind = s.choice("kind", Need::Required, &kinds);
-    let at_m = parts::at(s, Need::Required, length_m);
+    let place = parts::place(s, shafts);
     let ring_mass_kg = number_or(s, "ring_mass_kg", NumberRange::closed(0.0, 1e6), 0.0);
     let (kind, natural_n_per_m) = match kind {
         Some(Kind::Ball) => {
@@ -75,7 +76,7 @@ pub(super) fn read(
     section.finish();
     Some(SceneBearing {
         id: id?.to_owned(),
-        at_m: at_m?,
+        place: place?,
         ring_mass_kg: ring_mass_kg?,
         support_n_per_m: support_n_per_m?,
         kind: kind?,
@@ -136,6 +137,7 @@ fn read_ball(s: &mut Section<'_>) -> Option<SceneBall> {
     Some(SceneBall {
         bearing: BallBearing {
             balls: balls?,
+            turns: 1.0,
             contact_factor,
             clearance_m: clearance?,
             cage_ratio: cage.unwrap_or(orders.ftf),

@@ -10,6 +10,7 @@ const SCENES: &[(&str, &str)] = &[
     ("GG_BS_GB", include_str!("../../../config/scenes/GG_BS_GB.toml")),
     ("GG_GS_BB", include_str!("../../../config/scenes/GG_GS_BB.toml")),
     ("GG_GS_GB", include_str!("../../../config/scenes/GG_GS_GB.toml")),
+    ("reducer-10hz", include_str!("../../../config/scenes/reducer-10hz.toml")),
     ("run-up", include_str!("../../../config/scenes/run-up.toml")),
     ("seed-bearing-40hz", include_str!("../../../config/scenes/seed-bearing-40hz-3.toml")),
     ("seed-bearing-40hz-0", include_str!("../../../config/scenes/seed-bearing-40hz-0.toml")),
@@ -21,8 +22,10 @@ const SCENES: &[(&str, &str)] = &[
 ];
 
 /// Machine files that those scenes name, and their text.
-const MACHINES: &[(&str, &str)] =
-    &[("../machines/rig.toml", include_str!("../../../config/machines/rig.toml"))];
+const MACHINES: &[(&str, &str)] = &[
+    ("../machines/reducer.toml", include_str!("../../../config/machines/reducer.toml")),
+    ("../machines/rig.toml", include_str!("../../../config/machines/rig.toml")),
+];
 
 /// The text of a machine file that a built-in scene names; `None` if none does.
 #[must_use]

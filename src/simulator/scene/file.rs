@@ -1,7 +1,10 @@
 //! The document as a whole: order of reading, `[scene]`, `[speed]`, `[modes]`, `[machine]`.
 
 use super::lengths::number_or;
-use super::{MAX_TEXT_BYTES, MachineText, ModeChoice, Scene, SceneBearing, SceneErrors, Start};
+use super::shafts::Shafts;
+use super::{
+    BearingKind, MAX_TEXT_BYTES, MachineText, ModeChoice, Scene, SceneBearing, SceneErrors, Start,
+};
 use super::{bearings, gears, parts, sensors};
 use crate::machine::file;
 use crate::machine::file::errors::Log;
@@ -67,14 +70,11 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         place(&section);
         read_speed(section)
     });
-    let shaft = root.table("shaft", Need::Required).and_then(parts::shaft);
-    // Without a shaft the places on it are still read; none is then outside.
-    let length_m = shaft.map_or(f64::MAX, |(_, length_m)| length_m);
-    let bore_m = shaft.map(|(section, _)| section.diameter_m);
+    let shafts = Shafts::read(&mut root);
     let discs: Vec<_> = root
         .tables("disc", Need::Optional)
         .into_iter()
-        .map(|s| parts::disc(s, length_m, bore_m))
+        .map(|section| parts::disc(section, &shafts))
         .collect();
     let mut sections = root.tables("bearing", Need::Required);
     let ids = bearings::ids(&mut sections);
@@ -85,32 +85,33 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
     let bearings: Vec<_> = sections
         .into_iter()
         .enumerate()
-        .map(|(i, section)| bearings::read(section, ids.get(i), length_m))
+        .map(|(i, section)| bearings::read(section, ids.get(i), &shafts))
         .collect();
-    refuse_same_place(&root, &bearings, length_m);
+    refuse_same_place(&root, &bearings, &shafts);
     let mut sections = root.tables("gear", Need::Optional);
     let ids = gears::ids(&mut sections);
     if sections.len() > 1 {
-        root.refuse("gear", "one table [[gear]]: two prescribed mates would fight over the shaft");
+        root.refuse("gear", "one table [[gear]]: two meshes would fight over the shaft");
     }
     sections.iter().for_each(&mut place);
     let gears: Vec<_> = sections
         .into_iter()
         .enumerate()
-        .map(|(i, section)| gears::read(section, ids.get(i), (length_m, bore_m)))
+        .map(|(i, section)| gears::read(section, ids.get(i), &shafts))
         .collect();
-    let bow = root.table("bow", Need::Optional).map(|section| parts::bow(section, length_m));
+    shafts.check(&root, &bearings, &gears);
+    let bow = root.table("bow", Need::Optional).map(|section| parts::bow(section, &shafts));
     let unbalances: Vec<_> = root
         .tables("unbalance", Need::Optional)
         .into_iter()
-        .map(|section| parts::unbalance(section, length_m))
+        .map(|section| parts::unbalance(section, &shafts))
         .collect();
     let modes = root.table("modes", Need::Optional).map(|section| {
         place(&section);
         read_modes(section)
     });
-    let known: Vec<_> = bearings.iter().flatten().map(|b| (b.id.clone(), b.at_m)).collect();
-    let sensors = sensors::read(&mut root, &known, length_m, &mut place);
+    let known: Vec<_> = bearings.iter().flatten().map(|b| (b.id.clone(), b.place)).collect();
+    let sensors = sensors::read(&mut root, (&known, &shafts), &mut place);
     let machine = root.table("machine", Need::Optional).map(read_machine);
     root.finish();
     let modes = transpose(modes)?.unwrap_or(ModeChoice {
@@ -120,11 +121,9 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         elements_per_span: None,
     });
     let head = head?;
-    let (section, length_m) = shaft?;
-    Some(Scene {
+    let mut scene = Scene {
         speed: speed?,
-        section,
-        length_m,
+        shafts: shafts.all()?,
         discs: discs.into_iter().collect::<Option<_>>()?,
         bearings: bearings.into_iter().collect::<Option<_>>()?,
         gears: gears.into_iter().collect::<Option<_>>()?,
@@ -142,17 +141,33 @@ fn read(mut root: Section<'_>, (text, file_name): (&str, &str)) -> Option<Scene>
         accuracy: head.accuracy,
         seed: head.seed,
         gravity_rad: head.gravity_rad,
-    })
+    };
+    turn_bearings(&mut scene);
+    Some(scene)
+}
+
+/// Tells every ball bearing how its shaft turns.
+fn turn_bearings(scene: &mut Scene) {
+    let turns: Vec<f64> = (0..scene.shafts.len()).map(|shaft| scene.turns(shaft)).collect();
+    for bearing in &mut scene.bearings {
+        if let BearingKind::Ball(ball) = &mut bearing.kind {
+            ball.bearing.turns = turns[bearing.place.shaft];
+        }
+    }
 }
 
 /// Bearings nearer to each other than this part of the shaft are one support.
 const APART: f64 = 1e-3;
 
 /// Two bearings at one place hold the shaft at one place.
-fn refuse_same_place(root: &Section<'_>, bearings: &[Option<SceneBearing>], length_m: f64) {
+fn refuse_same_place(root: &Section<'_>, bearings: &[Option<SceneBearing>], shafts: &Shafts) {
     let known: Vec<&SceneBearing> = bearings.iter().flatten().collect();
     for (i, bearing) in known.iter().enumerate() {
-        let near = |other: &&&SceneBearing| (other.at_m - bearing.at_m).abs() < APART * length_m;
+        let apart_m = APART * shafts.carrier(bearing.place.shaft).length_m;
+        let near = |other: &&&SceneBearing| {
+            let (a, b) = (other.place, bearing.place);
+            a.shaft == b.shaft && (a.at_m - b.at_m).abs() < apart_m
+        };
         if let Some(other) = known[..i].iter().find(near) {
             let found = format!("bearings {} and {} at one place", other.id, bearing.id);
             let allowed = "bearings at least a thousandth of the shaft's length apart";

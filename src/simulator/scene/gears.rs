@@ -3,7 +3,8 @@
 use super::lengths::{Span, angle, has_length, length, length_keys, number_or};
 use super::limits;
 use super::parts::{self, MAX_M, POISSON, YOUNG_GPA};
-use super::{SceneGear, SceneMate};
+use super::shafts::Shafts;
+use super::{MateSeat, SceneGear, SceneMate};
 use crate::machine::file::general::ID;
 use crate::machine::file::range::NumberRange;
 use crate::machine::file::reader::{Ids, Need, Section};
@@ -12,7 +13,7 @@ use crate::simulator::mesh::{
     design_error,
 };
 use crate::simulator::rotor::Disc;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Pressure angles, degrees.
 const PRESSURE_DEG: NumberRange = NumberRange::closed(10.0, 35.0);
@@ -44,20 +45,32 @@ pub(super) fn ids<'s>(sections: &mut [Section<'s>]) -> Ids<'s> {
     Ids::read("gear", "id", sections, &ID)
 }
 
-/// Reads a gear on a shaft of this length and diameter, m.
+/// Stiffness of the coupling of a second shaft unless given, of the shaft's own: as good as clamped.
+const COUPLING_DEFAULT: f64 = 1000.0;
+const COUPLING: NumberRange = NumberRange::positive_up_to(1e12);
+
+#[derive(Clone, Copy, PartialEq)]
+enum Drive {
+    Prescribed,
+    Shaft,
+}
+
+/// Reads a gear on the first shaft.
 pub(super) fn read(
     mut section: Section<'_>,
     id: Option<&str>,
-    (length_m, shaft_m): (f64, Option<f64>),
+    shafts: &Shafts,
 ) -> Option<SceneGear> {
     let s = &mut section;
+    let first = shafts.carrier(0);
+    let (length_m, shaft_m) = (first.length_m, first.diameter_m);
     let at_m = parts::at(s, Need::Required, length_m);
     let torque_n_m = s.number("torque_nm", Need::Required, TORQUE);
     let torque_at =
         length(s, length_keys!("torque_at"), Need::Optional, Span::FromZero(length_m.min(MAX_M)));
-    let drives = [("prescribed", SceneMate::Prescribed)];
+    let drives = [("prescribed", Drive::Prescribed), ("shaft", Drive::Shaft)];
     let drive = s.choice("drive", Need::Optional, &drives);
-    let mate = if s.has("drive") { drive } else { Some(SceneMate::Prescribed) };
+    let drive = if s.has("drive") { drive } else { Some(Drive::Prescribed) };
     let line_rad =
         number_or(s, "line_of_action_deg", NumberRange::closed(-360.0, 360.0), LINE_DEFAULT_DEG);
     let torsions = [("rod", false), ("rigid", true)];
@@ -65,6 +78,7 @@ pub(super) fn read(
     let rigid = if s.has("torsion") { rigid } else { Some(false) };
     let shapes = shapes(s, shaft_m);
     let disc = body(s, at_m, shapes.map(|(gear, _)| gear));
+    let mate = mate(s, drive, shapes.map(|(_, mate)| mate), shafts);
     let model = model(s);
     let ratio = s.number("contact_ratio", Need::Optional, NumberRange::closed(1.0, 3.0));
     let backlash = length(s, length_keys!("backlash"), Need::Optional, Span::FromZero(0.1));
@@ -117,6 +131,39 @@ pub(super) fn read(
         mate: mate?,
         faults,
     })
+}
+
+/// What the mate does, and its keys.
+fn mate(
+    s: &mut Section<'_>,
+    drive: Option<Drive>,
+    gear: Option<GearShape>,
+    shafts: &Shafts,
+) -> Option<SceneMate> {
+    if drive? == Drive::Prescribed {
+        return Some(SceneMate::Prescribed);
+    }
+    if !shafts.are_two() {
+        s.refuse("drive", "\"prescribed\": a mate on a shaft needs two tables [[shaft]]");
+        return None;
+    }
+    let length_m = shafts.carrier(1).length_m;
+    let along = Span::FromZero(length_m.min(MAX_M));
+    let at = length(s, length_keys!("mate_at"), Need::Required, along);
+    let driven_at = length(s, length_keys!("mate_driven_at"), Need::Optional, along);
+    let density = number_or(s, "density_kg_per_m3", DENSITY, DENSITY_DEFAULT);
+    let coupling = s.number("coupling_nm_per_rad", Need::Optional, COUPLING);
+    let (at_m, gear, second) = (at?, gear?, shafts.second()?);
+    let beam = second.section;
+    let shear_pa = 0.5 * beam.young_pa / (1.0 + beam.poisson);
+    let own_n_m = shear_pa * PI / 32.0 * beam.diameter_m.powi(4) / second.length_m;
+    let far_end_m = if at_m < 0.5 * second.length_m { second.length_m } else { 0.0 };
+    let pitch_m = 2.0 * gear.pitch_radius_m();
+    Some(SceneMate::Shaft(MateSeat {
+        disc: Disc::solid(at_m, pitch_m, gear.bore_m.min(pitch_m), gear.face_m, density?),
+        driven_at_m: driven_at.unwrap_or(far_end_m),
+        coupling_n_m_per_rad: coupling.unwrap_or(COUPLING_DEFAULT * own_n_m),
+    }))
 }
 
 /// The two gears.

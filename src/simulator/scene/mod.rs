@@ -9,6 +9,7 @@ mod errors;
 mod lengths;
 pub mod limits;
 mod file;
+mod shafts;
 mod parts;
 mod bearings;
 mod gears;
@@ -21,7 +22,7 @@ pub use errors::SceneErrors;
 use super::beam::Section;
 use super::contact::{BallBearing, DefectPlace};
 use super::mesh::{MeshDesign, ToothFault};
-use super::rotor::Disc;
+use super::rotor::{Disc, Place};
 use super::speed::SpeedProfile;
 
 /// Longest scene that is read, bytes: it goes into captures as one attribute, which holds 64 kB.
@@ -46,15 +47,13 @@ pub struct Scene {
     pub seed: u64,
     /// Direction of gravity, rad from x towards y; `None`: none.
     pub gravity_rad: Option<f64>,
-    /// How the shaft turns.
+    /// How the first shaft turns.
     pub speed: SpeedProfile,
-    /// Section of the shaft.
-    pub section: Section,
-    /// Length of the shaft, m.
-    pub length_m: f64,
+    /// Shafts, one or two.
+    pub shafts: Vec<SceneShaft>,
     /// Discs with their unbalance.
     pub discs: Vec<SceneDisc>,
-    /// Bearings, at least two.
+    /// Bearings, at least two on each shaft.
     pub bearings: Vec<SceneBearing>,
     /// Gears, at most one.
     pub gears: Vec<SceneGear>,
@@ -81,9 +80,22 @@ pub enum Start {
     Rotating,
 }
 
+/// A shaft.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneShaft {
+    /// Identifier.
+    pub id: String,
+    /// Its section.
+    pub section: Section,
+    /// Its length, m.
+    pub length_m: f64,
+}
+
 /// A disc and the distance of its centre of mass from the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneDisc {
+    /// Number of the shaft it is on.
+    pub shaft: usize,
     /// The disc.
     pub disc: Disc,
     /// Eccentricity, m.
@@ -97,8 +109,8 @@ pub struct SceneDisc {
 pub struct SceneBearing {
     /// Identifier.
     pub id: String,
-    /// Place along the shaft, m.
-    pub at_m: f64,
+    /// Its place.
+    pub place: Place,
     /// Mass of the ring that moves with the shaft, kg.
     pub ring_mass_kg: f64,
     /// Stiffness put into the modes, N/m.
@@ -165,7 +177,7 @@ pub enum ProfileKind {
     Geometric,
 }
 
-/// A gear on the shaft and its mate.
+/// A gear on the first shaft and its mate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneGear {
     /// Identifier.
@@ -184,7 +196,7 @@ pub struct SceneGear {
     pub torque_n_m: f64,
     /// Where the load is, m.
     pub torque_at_m: f64,
-    /// Whether the shaft turns as a whole on the mesh.
+    /// Whether shafts turn as a whole on the mesh.
     pub is_rigid: bool,
     /// What the mate does.
     pub mate: SceneMate,
@@ -193,15 +205,30 @@ pub struct SceneGear {
 }
 
 /// What the mate of a gear does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SceneMate {
     /// It turns as the speed profile says, rigid, its centre at rest.
     Prescribed,
+    /// It sits on the second shaft, which is driven through a coupling.
+    Shaft(MateSeat),
+}
+
+/// The mate on the second shaft, and what drives that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MateSeat {
+    /// Its body; solid of its pitch diameter.
+    pub disc: Disc,
+    /// Place along the shaft at which a coupling turns it as the speed profile says, m.
+    pub driven_at_m: f64,
+    /// Stiffness of that coupling, N·m/rad.
+    pub coupling_n_m_per_rad: f64,
 }
 
 /// A shaft that is bent at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bow {
+    /// Identifier of the shaft; `None`: the first.
+    pub shaft: Option<String>,
     /// Its direction in the shaft, rad from the mark.
     pub angle_rad: f64,
     /// Its shape.
@@ -223,8 +250,8 @@ pub enum BowShape {
 /// An unbalance of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unbalance {
-    /// Place along the shaft, m.
-    pub at_m: f64,
+    /// Its place.
+    pub place: Place,
     /// Mass times distance from the axis, kg·m.
     pub kg_m: f64,
     /// Direction in the shaft, rad from the mark.
@@ -251,8 +278,8 @@ pub struct SceneSensor {
     pub channel: String,
     /// Quantity.
     pub kind: SensorKind,
-    /// Place along the shaft, m (of a tacho: of no meaning).
-    pub at_m: f64,
+    /// Its place; of a tacho the shaft alone matters.
+    pub place: Place,
     /// Sensitive direction, rad from x towards y.
     pub axis_rad: f64,
     /// Samples a second.
@@ -354,6 +381,20 @@ impl Scene {
     #[must_use]
     pub fn truth(&self) -> String {
         truth::listed(self)
+    }
+
+    /// Turns of a shaft to one of the first: below 0 for the second, which its gear turns against it.
+    #[must_use]
+    pub fn turns(&self, shaft: usize) -> f64 {
+        let ratio = |gear: &SceneGear| -gear.design.gear.z() / gear.design.mate.z();
+        if shaft == 0 { 1.0 } else { self.gears.first().map_or(0.0, ratio) }
+    }
+
+    /// Number of the shaft a bow is of; `None` if there is no such shaft.
+    #[must_use]
+    pub fn shaft_of(&self, bow: &Bow) -> Option<usize> {
+        let id = bow.shaft.as_ref();
+        id.map_or(Some(0), |id| self.shafts.iter().position(|shaft| shaft.id == *id))
     }
 
     /// Whether some bearing has balls, or a gear has teeth.

@@ -1,11 +1,11 @@
-//! `[shaft]`, `[[disc]]`, `[bow]`, `[[unbalance]]`.
+//! `[[disc]]`, `[bow]`, `[[unbalance]]`.
 
 use super::lengths::{Span, angle, has_length, length, length_keys, number_or};
+use super::shafts::{Carrier, Shafts};
 use super::{Bow, BowShape, SceneDisc, Unbalance};
 use crate::machine::file::range::NumberRange;
 use crate::machine::file::reader::{Need, Section};
-use crate::simulator::beam;
-use crate::simulator::rotor::Disc;
+use crate::simulator::rotor::{Disc, Place};
 
 /// Largest machine, m.
 pub(super) const MAX_M: f64 = 100.0;
@@ -22,47 +22,34 @@ const DENSITY: NumberRange = NumberRange::positive_up_to(30_000.0);
 const MASS: NumberRange = NumberRange::positive_up_to(1e6);
 
 /// Steel, unless another is given.
-const YOUNG_DEFAULT_GPA: f64 = 206.8;
-const POISSON_DEFAULT: f64 = 0.29;
 const DENSITY_DEFAULT: f64 = 7833.4;
-
-/// Reads the shaft: its section, and its length in m.
-pub(super) fn shaft(mut section: Section<'_>) -> Option<(beam::Section, f64)> {
-    let s = &mut section;
-    let length_m = length(s, length_keys!("length"), Need::Required, Span::Positive(MAX_M));
-    let diameter_m = length(s, length_keys!("diameter"), Need::Required, Span::Positive(MAX_M));
-    let young_gpa = number_or(s, "young_gpa", YOUNG_GPA, YOUNG_DEFAULT_GPA);
-    let poisson = number_or(s, "poisson", POISSON, POISSON_DEFAULT);
-    let density = number_or(s, "density_kg_per_m3", DENSITY, DENSITY_DEFAULT);
-    section.finish();
-    let beam = beam::Section {
-        diameter_m: diameter_m?,
-        young_pa: young_gpa? * 1e9,
-        poisson: poisson?,
-        density_kg_per_m3: density?,
-    };
-    Some((beam, length_m?))
-}
 
 /// Reads a place along a shaft of this length, m.
 pub(super) fn at(section: &mut Section<'_>, need: Need, length_m: f64) -> Option<f64> {
     length(section, length_keys!("at"), need, Span::FromZero(length_m.min(MAX_M)))
 }
 
+/// Reads the place of a part on the shaft it names.
+pub(super) fn place(section: &mut Section<'_>, shafts: &Shafts) -> Option<Place> {
+    let carrier = shafts.of(section);
+    let at_m = at(section, Need::Required, carrier.map_or(f64::MAX, |carrier| carrier.length_m));
+    Some(Place { shaft: carrier?.number, at_m: at_m? })
+}
+
 /// Reads a disc; its bore is the shaft unless given.
-pub(super) fn disc(
-    mut section: Section<'_>,
-    length_m: f64,
-    bore_m: Option<f64>,
-) -> Option<SceneDisc> {
+pub(super) fn disc(mut section: Section<'_>, shafts: &Shafts) -> Option<SceneDisc> {
     let s = &mut section;
+    let carrier = shafts.of(s);
+    let Carrier { number, length_m, diameter_m } = carrier.unwrap_or(shafts.carrier(0));
     let at_m = at(s, Need::Required, length_m);
     let by_mass = s.has("mass_kg");
-    let disc = if by_mass { by_inertia(s, at_m) } else { by_size(s, at_m, bore_m) };
+    let disc = if by_mass { by_inertia(s, at_m) } else { by_size(s, at_m, diameter_m) };
     let eccentricity = length(s, length_keys!("eccentricity"), Need::Optional, Span::FromZero(0.1));
     let eccentricity_rad = angle(s, "eccentricity_deg");
     section.finish();
+    carrier?;
     Some(SceneDisc {
+        shaft: number,
         disc: disc?,
         eccentricity_m: eccentricity.unwrap_or(0.0),
         eccentricity_rad: eccentricity_rad?,
@@ -100,13 +87,15 @@ fn by_size(s: &mut Section<'_>, at_m: Option<f64>, shaft_m: Option<f64>) -> Opti
 }
 
 /// Reads a residual bow.
-pub(super) fn bow(mut section: Section<'_>, length_m: f64) -> Option<Bow> {
+pub(super) fn bow(mut section: Section<'_>, shafts: &Shafts) -> Option<Bow> {
     #[derive(Clone, Copy, PartialEq)]
     enum Shape {
         HalfSine,
         Points,
     }
     let s = &mut section;
+    let carrier = shafts.of(s)?;
+    let id = s.text("shaft", Need::Optional, &super::shafts::ANY).map(str::to_owned);
     let shapes = [("half_sine", Shape::HalfSine), ("points", Shape::Points)];
     let shape = s.choice("shape", Need::Optional, &shapes);
     let angle_rad = angle(s, "angle_deg");
@@ -117,10 +106,10 @@ pub(super) fn bow(mut section: Section<'_>, length_m: f64) -> Option<Bow> {
             let amplitude_m = length(s, keys, Need::Required, Span::Positive(0.1));
             amplitude_m.map(|amplitude_m| BowShape::HalfSine { amplitude_m })
         }
-        Shape::Points => points(s, length_m).map(BowShape::Points),
+        Shape::Points => points(s, carrier.length_m).map(BowShape::Points),
     };
     section.finish();
-    Some(Bow { angle_rad: angle_rad?, shape: shape? })
+    Some(Bow { shaft: id, angle_rad: angle_rad?, shape: shape? })
 }
 
 fn points(s: &mut Section<'_>, length_m: f64) -> Option<Vec<(f64, f64)>> {
@@ -146,11 +135,11 @@ fn points(s: &mut Section<'_>, length_m: f64) -> Option<Vec<(f64, f64)>> {
 }
 
 /// Reads an unbalance.
-pub(super) fn unbalance(mut section: Section<'_>, length_m: f64) -> Option<Unbalance> {
+pub(super) fn unbalance(mut section: Section<'_>, shafts: &Shafts) -> Option<Unbalance> {
     let s = &mut section;
-    let at_m = at(s, Need::Required, length_m);
+    let place = place(s, shafts);
     let g_mm = s.number("amount_g_mm", Need::Required, NumberRange::closed(0.0, 1e9));
     let angle_rad = angle(s, "angle_deg");
     section.finish();
-    Some(Unbalance { at_m: at_m?, kg_m: g_mm? * 1e-6, angle_rad: angle_rad? })
+    Some(Unbalance { place: place?, kg_m: g_mm? * 1e-6, angle_rad: angle_rad? })
 }

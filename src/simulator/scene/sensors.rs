@@ -2,10 +2,12 @@
 
 use super::lengths::{angle, has_length, length_keys, number_or};
 use super::parts;
+use super::shafts::{Carrier, Shafts};
 use super::{NumberKind, SceneSensor, SensorKind};
 use crate::machine::file::general::CHANNEL;
 use crate::machine::file::range::NumberRange;
 use crate::machine::file::reader::{Ids, Need, Section, TextRule};
+use crate::simulator::rotor::Place;
 
 /// Acceleration of gravity by which a g is counted, m/s².
 pub(crate) const STANDARD_GRAVITY: f64 = 9.806_65;
@@ -48,8 +50,7 @@ const VOLTAGE: Units = &[("V", ("V", 1.0))];
 /// Reads all sensors, at least one; their rates must be whole parts of the fastest.
 pub(super) fn read<'s>(
     root: &mut Section<'s>,
-    bearings: &[(String, f64)],
-    length_m: f64,
+    known: (&[(String, Place)], &Shafts),
     place: &mut impl FnMut(&Section<'_>),
 ) -> Option<Vec<SceneSensor>> {
     let mut sections = root.tables("sensor", Need::Required);
@@ -57,7 +58,7 @@ pub(super) fn read<'s>(
     let mut sensors = Vec::with_capacity(sections.len());
     for (i, section) in sections.iter_mut().enumerate() {
         place(section);
-        sensors.push(sensor(section, channels.get(i), bearings, length_m));
+        sensors.push(sensor(section, channels.get(i), known));
     }
     let fastest = sensors.iter().flatten().map(|s| s.rate_hz).fold(0.0, f64::max);
     for (section, sensor) in sections.iter().zip(&sensors) {
@@ -73,8 +74,7 @@ pub(super) fn read<'s>(
 fn sensor(
     s: &mut Section<'_>,
     channel: Option<&str>,
-    bearings: &[(String, f64)],
-    length_m: f64,
+    known: (&[(String, Place)], &Shafts),
 ) -> Option<SceneSensor> {
     let kinds = [
         ("accelerometer", SensorKind::Accelerometer),
@@ -89,7 +89,7 @@ fn sensor(
     };
     let unit = s.choice("unit", Need::Optional, units);
     let (unit, per_si) = if s.has("unit") { unit? } else { units[0].1 };
-    let at_m = at(s, kind, bearings, length_m);
+    let place = at(s, kind, known);
     let axis_rad = angle(s, "axis_deg");
     let rates = NumberRange::closed(10.0, 1_000_000.0);
     let rate_hz = number_or(s, "rate_hz", rates, RATE_DEFAULT_HZ);
@@ -118,7 +118,7 @@ fn sensor(
     Some(SceneSensor {
         channel: channel?.to_owned(),
         kind,
-        at_m: at_m?,
+        place: place?,
         axis_rad: axis_rad?,
         rate_hz: rate_hz?,
         corner_hz: corner_hz?,
@@ -137,9 +137,10 @@ fn sensor(
 fn at(
     s: &mut Section<'_>,
     kind: SensorKind,
-    bearings: &[(String, f64)],
-    length_m: f64,
-) -> Option<f64> {
+    (bearings, shafts): (&[(String, Place)], &Shafts),
+) -> Option<Place> {
+    let carrier = shafts.of(s);
+    let Carrier { number: shaft, length_m, .. } = carrier.unwrap_or(shafts.carrier(0));
     let id = s.text("bearing", Need::Optional, &ANY);
     let by_length = has_length(s, length_keys!("at"));
     let need =
@@ -150,9 +151,13 @@ fn at(
         return None;
     }
     let Some(id) = id else {
-        return if kind == SensorKind::Tacho { Some(at_m.unwrap_or(0.0)) } else { at_m };
+        let at_m = if kind == SensorKind::Tacho { Some(at_m.unwrap_or(0.0)) } else { at_m };
+        return carrier.and(at_m).map(|at_m| Place { shaft, at_m });
     };
-    let known = bearings.iter().find(|(known, _)| known == id).map(|(_, at_m)| *at_m);
+    if s.has("shaft") {
+        s.refuse("shaft", "either bearing or shaft with a place such as at_mm");
+    }
+    let known = bearings.iter().find(|(known, _)| known == id).map(|(_, place)| *place);
     if known.is_none() {
         let names: Vec<&str> = bearings.iter().map(|(known, _)| known.as_str()).collect();
         s.refuse("bearing", format!("the id of a [[bearing]]: {}", names.join(", ")));

@@ -64,7 +64,7 @@ fn a_length_is_the_same_in_every_unit() {
         .replace("interference_um = 1.0", "clearance_mil = -0.039370078740157")
         .replace("at_mm = 250.0", "at_m = 0.25");
     let inch = Scene::parse(&inch, "s").unwrap();
-    assert!((metric.length_m - inch.length_m).abs() < 1e-15);
+    assert!((metric.shafts[0].length_m - inch.shafts[0].length_m).abs() < 1e-15);
     assert!((metric.discs[0].disc.at_m - inch.discs[0].disc.at_m).abs() < 1e-15);
     let clearance = |scene: &Scene| match &scene.bearings[0].kind {
         BearingKind::Ball(ball) => ball.bearing.clearance_m,

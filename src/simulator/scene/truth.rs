@@ -47,8 +47,9 @@ fn bow(bow: &Bow) -> String {
         BowShape::HalfSine { amplitude_m } => *amplitude_m,
         BowShape::Points(points) => points.iter().map(|(_, d)| d.abs()).fold(0.0, f64::max),
     };
+    let id = bow.shaft.as_ref().map_or(String::new(), |id| format!("id = \"{id}\"\n"));
     format!(
-        "[[fault]]\ncomponent = \"shaft\"\nfault = \"bow\"\namplitude_m = {amplitude_m}\nangle_deg = {}\n",
+        "[[fault]]\ncomponent = \"shaft\"\n{id}fault = \"bow\"\namplitude_m = {amplitude_m}\nangle_deg = {}\n",
         bow.angle_rad.to_degrees()
     )
 }

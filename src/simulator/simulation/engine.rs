@@ -181,7 +181,9 @@ impl Engine {
             Self::Ported(ported) => ported.run.change(model, sensed),
             Self::Stepped(stepped) => {
                 stepped.run.change(|running| {
-                    running.bow = model.bow.clone();
+                    for (shaft, new) in running.shafts.iter_mut().zip(&model.shafts) {
+                        shaft.bow = new.bow.clone();
+                    }
                     for (seat, new) in running.seats.iter_mut().zip(&model.seats) {
                         seat.contacts = new.contacts.clone();
                     }

@@ -105,6 +105,23 @@ fn each_fault_shows_in_its_own_signal_in_all_eight_combinations() {
 }
 
 #[test]
+fn a_pinions_worn_tooth_strikes_once_a_turn_of_its_own_shaft() {
+    let record = record("reducer-10hz", 3);
+    let (near, own) = (channel(&record, "pinion_left_x"), 10.0 * 48.0 / 19.0);
+    // Mesh at 480 Hz on both shafts; side bands of the pinion's turns, not of the main shaft's.
+    let beside = |spacing_hz: f64| {
+        let sides = [-2.0, -1.0, 1.0, 2.0].map(|k| amplitude(&near, 480.0 + k * spacing_hz));
+        sides.iter().map(|a| a * a).sum::<f64>().sqrt()
+    };
+    let (of_pinion, of_main) = (beside(own), beside(10.0));
+    assert!(of_pinion > 10.0 * of_main, "{of_pinion} {of_main}");
+    let tacho = channel(&record, "pinion_tacho");
+    let marks = tacho.windows(2).filter(|pair| pair[0] < 0.0 && pair[1] >= 0.0).count();
+    // 2 s at 25.26 Hz; one more or less by where they begin.
+    assert!((50..=51).contains(&marks), "{marks}");
+}
+
+#[test]
 fn a_gear_scene_is_the_same_bit_by_bit_and_its_faults_come_and_go() {
     assert_eq!(record("seed-gear-10hz", 4), record("seed-gear-10hz", 4));
     let read = |name: &str| Scene::parse(builtin::text(name).unwrap(), name).unwrap();

@@ -118,7 +118,7 @@ impl Simulation {
             .filter(watching)
             .map(|sensor| Sensed {
                 watch: Watch {
-                    row: model.basis.row(plane.displacement_at(sensor.at_m)),
+                    row: model.basis.row(plane.displacement_at(sensor.place)),
                     axis_rad: sensor.axis_rad,
                     quantity: match sensor.kind {
                         SensorKind::Accelerometer => Quantity::Acceleration,
@@ -335,21 +335,28 @@ impl Channel {
 
     /// Takes values of the fastest channel from sample `start` on that need no filter, SI.
     fn pick(&mut self, values: &[f64], start: u64) {
-        for (i, value) in (start..).zip(values) {
-            if i.is_multiple_of(self.every) {
-                self.sample(value * self.sensor.per_si);
-            }
+        let first = self.first_after(start);
+        #[expect(clippy::cast_possible_truncation, reason = "a ratio of rates")]
+        for value in values.iter().skip(first as usize).step_by(self.every as usize) {
+            self.sample(value * self.sensor.per_si);
         }
+    }
+
+    /// Samples of the fastest channel from number `start` on to the first that is the channel's own too.
+    fn first_after(&self, start: u64) -> u64 {
+        start.next_multiple_of(self.every) - start
     }
 
     /// The tacho's samples of `n` of the fastest channel from number `start` on.
     fn mark(&mut self, (start, n): (u64, u64), rate_hz: f64, scene: &Scene) {
-        let every = self.every;
-        for i in (start..start + n).filter(|i| i.is_multiple_of(every)) {
+        let turns = scene.turns(self.sensor.place.shaft);
+        let first = start + self.first_after(start);
+        #[expect(clippy::cast_possible_truncation, reason = "a ratio of rates")]
+        for i in (first..start + n).step_by(self.every as usize) {
             let turning = scene.speed.at(i as f64 / rate_hz);
-            let a_sample = turning.speed_rad_per_s.abs() / self.sensor.rate_hz;
+            let a_sample = (turns * turning.speed_rad_per_s).abs() / self.sensor.rate_hz;
             let rise = (MARK_RISE.0 * TAU).max(MARK_RISE.1 * a_sample);
-            self.sample(MARK_V * tacho_mark(turning.angle_rad, MARK_DUTY, rise));
+            self.sample(MARK_V * tacho_mark(turns * turning.angle_rad, MARK_DUTY, rise));
         }
     }
 

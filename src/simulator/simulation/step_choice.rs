@@ -1,12 +1,13 @@
 //! The step of a motion with contacts, by the error it is measured to make (equation R34).
 //!
-//! The first moments of the scene are run with a step and with its half; what the sensors see of
-//! the difference tells the error, and the largest step that keeps the accuracy asked for is taken.
+//! The beginning of the scene is run with a step and with its half; what the sensors see of the
+//! difference tells the error, and the largest step that keeps the accuracy asked for is taken.
 
 use crate::simulator::model::Model;
 use crate::simulator::ports::{PortRun, Sensed, StateRef};
 use crate::simulator::run::{Quantity, Watch};
 use crate::simulator::scene::Scene;
+use std::f64::consts::TAU;
 
 /// What was chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,12 +27,20 @@ const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
 /// From a try to the next: by the fourth order, a little more, and by this factor at least.
 const SHORTER: (f64, f64) = (0.97, 0.9);
 
-/// Length of a trial, s: some ball passes, and the transient of a start.
-const TRIAL_S: f64 = 0.05;
+/// Length of a trial, s: some ball passes and the transient of a start; and a turn of the shaft, in which
+/// every tooth meets once, up to the second.
+const TRIAL_S: (f64, f64) = (0.1, 0.25);
 
 /// Error of a step, of the difference to half of it: for an order of 2.5, the least that contacts
 /// leave, 1/(1 − 2^−2.5).
 const OF_DIFFERENCE: f64 = 1.22;
+
+/// The same where balls touch or leave: what is left depends on where in its step a touch falls, and
+/// neighbouring steps differ by up to twice.
+const OF_DIFFERENCE_AT_TOUCHES: f64 = 1.8;
+
+/// Steps that differ by less than this factor are not told apart.
+const ALIKE: f64 = 1.08;
 
 /// Below this accuracy steps are cut at contacts: it costs more than it saves above.
 const CUT_BELOW: f64 = 1e-5;
@@ -64,28 +73,57 @@ pub(super) fn choose(
     let base = PortRun::new(model, step_s(first), begin(first), state)?
         .cutting_at_contact(cuts_at_contact);
     let at = |steps: u32| base.clone().with_step(step_s(steps), begin(steps));
+    let turn_s = TAU / model.speed.at(0.0).speed_rad_per_s.abs();
+    let needed_s = if model.gears.is_empty() { TRIAL_S.0 } else { turn_s };
+    let trial_s = needed_s.clamp(TRIAL_S.0, TRIAL_S.1);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 1e6")]
-    let n_samples = (TRIAL_S * rate_hz).ceil() as usize;
+    let n_samples = (trial_s * rate_hz).ceil() as usize;
     let seen = |steps: u32| {
         let mut run = at(steps).watching(&all, steps);
         let mut lists = vec![Vec::new(); all.len()];
         run.fill(n_samples * steps as usize, &mut lists);
-        lists
+        (lists, run.n_touches())
     };
-    let mut at_s = STEPS_S.0;
-    loop {
-        let steps = steps_at(at_s);
-        let error = OF_DIFFERENCE * difference(&seen(steps), &seen(2 * steps));
-        // NaN counts as too large.
-        let is_enough = error <= scene.accuracy;
-        let by_order = SHORTER.0 * (scene.accuracy / error).sqrt().sqrt();
-        let shorter_s = by_order.min(SHORTER.1) * at_s;
-        if is_enough || shorter_s.is_nan() || shorter_s < STEPS_S.1 {
-            let run = at(steps).watching(sensed, steps);
-            return Some((run, Choice { steps_per_sample: steps, cuts_at_contact, error }));
+    let error = |steps: u32| {
+        let ((coarse, n_touches), (fine, _)) = (seen(steps), seen(2 * steps));
+        let factor = if n_touches > 0 { OF_DIFFERENCE_AT_TOUCHES } else { OF_DIFFERENCE };
+        factor * difference(&coarse, &fine)
+    };
+    let (steps_per_sample, error) = search(scene.accuracy, (first, steps_at(STEPS_S.1)), error);
+    let run = at(steps_per_sample).watching(sensed, steps_per_sample);
+    Some((run, Choice { steps_per_sample, cuts_at_contact, error }))
+}
+
+/// The least number of steps between two whose error is within the accuracy, or the last that was tried,
+/// and its error.
+fn search(accuracy: f64, (first, last): (u32, u32), error: impl Fn(u32) -> f64) -> (u32, f64) {
+    let (mut too_few, mut steps) = (None, first);
+    let mut found = error(steps);
+    // NaN counts as too large.
+    while found.is_nan() || found > accuracy {
+        let by_order = SHORTER.0 * (accuracy / found).sqrt().sqrt();
+        let more = f64::from(steps) / by_order.min(SHORTER.1);
+        if more.is_nan() || more > f64::from(last) {
+            return (steps, found);
         }
-        at_s = shorter_s;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below last")]
+        let more = more.ceil() as u32;
+        (too_few, steps) = (Some(steps), more);
+        found = error(steps);
     }
+    // The order may have been higher than the fourth.
+    while let Some(few) = too_few.filter(|few| f64::from(steps) > ALIKE * f64::from(few + 1)) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between both")]
+        let between = (f64::from(few) * f64::from(steps)).sqrt().round() as u32;
+        let between = between.clamp(few + 1, steps - 1);
+        let its = error(between);
+        if its <= accuracy {
+            (steps, found) = (between, its);
+        } else {
+            too_few = Some(between);
+        }
+    }
+    (steps, found)
 }
 
 /// Largest difference of two sets of lists, of the largest value of a list of the second; NaN if a

@@ -78,7 +78,7 @@ fn a_bow_that_comes_while_it_runs_keeps_the_motion() {
     assert!(highest > 150.0, "{highest}");
     let amplitude_m = 203.2e-6;
     let again = Faults {
-        bow: Some(Bow { angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } }),
+        bow: Some(Bow { shaft: None, angle_rad: 0.0, shape: BowShape::HalfSine { amplitude_m } }),
         ..straight
     };
     simulation.set_faults(&again).unwrap();
