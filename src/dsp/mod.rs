@@ -25,6 +25,7 @@ pub mod whiten;
 pub mod integrate;
 pub mod cwt;
 pub mod tacho;
+mod hermite;
 pub mod order;
 pub mod interpolate;
 pub mod tsa;
