@@ -112,6 +112,20 @@ impl GearPlan {
         self.n_harmonics
     }
 
+    /// Teeth of the gear.
+    #[must_use]
+    pub fn teeth(&self) -> usize {
+        self.teeth
+    }
+
+    /// The h of the largest Y_hz of the last call; the lowest of equals. Of a baseline's average it is
+    /// the h* that [`crate::dsp::demodulate::MeshDemodPlan`] is planned with and that stays.
+    #[must_use]
+    pub fn strongest_harmonic(&self) -> usize {
+        let power = |h: usize| self.y_hat[h * self.teeth].norm_sqr();
+        (2..=self.n_harmonics).fold(1, |best, h| if power(h) > power(best) { h } else { best })
+    }
+
     /// Difference signal d of the last call, unit of y.
     #[must_use]
     pub fn difference(&self) -> &[f64] {

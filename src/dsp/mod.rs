@@ -27,9 +27,15 @@ pub mod cwt;
 pub mod tacho;
 mod hermite;
 pub mod order;
+pub mod pulses;
 pub mod interpolate;
 pub mod tsa;
 pub mod gear;
+pub mod demodulate;
+pub mod history;
+pub mod stft;
+pub mod order_track;
+pub mod order_spectrum;
 
 #[cfg(test)]
 mod reference;
