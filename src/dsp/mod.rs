@@ -36,6 +36,8 @@ pub mod history;
 pub mod stft;
 pub mod order_track;
 pub mod order_spectrum;
+pub mod comb;
+pub mod speed_track;
 
 #[cfg(test)]
 mod reference;
