@@ -35,12 +35,7 @@ impl MeshDemodPlan {
     /// Plans for a gear of `teeth` ≥ 4 teeth; `None` if the band around h·z does not lie between order
     /// 1 and the last below Nyquist.
     #[must_use]
-    pub fn new(
-        n: usize,
-        teeth: usize,
-        harmonic: usize,
-        cache: &mut FftCache<f64>,
-    ) -> Option<Self> {
+    pub fn new(n: usize, teeth: usize, harmonic: usize, cache: &mut FftCache<f64>) -> Option<Self> {
         let half = (teeth / 2).checked_sub(1).filter(|half| *half > 0)?;
         let carrier = harmonic.checked_mul(teeth)?;
         let low = carrier.checked_sub(half).filter(|low| *low > 0)?;

@@ -148,11 +148,7 @@ impl HistoryPlan {
     /// Plans for the records of `history`, orders up to `max_order` usable; `None` if the mesh or the
     /// band around h*·z is not inside them, or if the history is not sound.
     #[must_use]
-    pub fn new(
-        history: &GearHistory,
-        max_order: usize,
-        cache: &mut FftCache<f64>,
-    ) -> Option<Self> {
+    pub fn new(history: &GearHistory, max_order: usize, cache: &mut FftCache<f64>) -> Option<Self> {
         let (n, teeth, harmonic) = (history.n_points, history.teeth, history.harmonic);
         let gear = GearPlan::new(n, teeth, max_order, cache)?;
         let mesh = MeshDemodPlan::new(n, teeth, harmonic, cache)?;
@@ -321,7 +317,9 @@ mod tests {
             let n = N as f64;
             // Rounding of sums in another order.
             assert!((found.na4.unwrap() / (n * power(4) / (all * all)) - 1.0).abs() < 1e-11);
-            assert!((found.na4_star.unwrap() * (n * v).powi(2) / (n * power(4)) - 1.0).abs() < 1e-11);
+            assert!(
+                (found.na4_star.unwrap() * (n * v).powi(2) / (n * power(4)) - 1.0).abs() < 1e-11
+            );
             assert_eq!(history.residual.is_frozen, frozen, "record {i}");
         }
         assert!(frozen);
@@ -375,7 +373,10 @@ mod tests {
         let (mut plan, mut history) = fresh();
         for y in [vec![0.0; N], vec![3.3; N], sine(N, N as f64, 28.0, 1.0, 0.0)] {
             let found = plan.process(&y, &mut history).unwrap();
-            assert_eq!((found.na4, found.na4_star, found.nb4, found.nb4_star), (None, None, None, None));
+            assert_eq!(
+                (found.na4, found.na4_star, found.nb4, found.nb4_star),
+                (None, None, None, None)
+            );
         }
         assert_eq!(history.residual.mean_energy.to_bits(), 0);
         // One microvolt beside a constant of a million is no rounding and is still read.
@@ -393,8 +394,17 @@ mod tests {
     fn what_cannot_be_a_history_is_refused() {
         let (_, sound) = fresh();
         let accepted = |n_accepted, n_records, is_frozen| GearHistory {
-            residual: EnergyHistory { n_accepted, n_records, is_frozen, ..EnergyHistory::default() },
-            envelope: EnergyHistory { n_accepted: n_records, n_records, ..EnergyHistory::default() },
+            residual: EnergyHistory {
+                n_accepted,
+                n_records,
+                is_frozen,
+                ..EnergyHistory::default()
+            },
+            envelope: EnergyHistory {
+                n_accepted: n_records,
+                n_records,
+                ..EnergyHistory::default()
+            },
             ..sound
         };
         let mut nan = sound;

@@ -24,6 +24,7 @@ pub mod envelope;
 pub mod whiten;
 pub mod integrate;
 pub mod cwt;
+pub mod sample_check;
 pub mod tacho;
 mod hermite;
 pub mod order;

@@ -21,10 +21,19 @@ pub struct PhaseTrack {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Knots {
-    Constant { speed_hz: f64 },
-    Pulses { times_s: Vec<f64>, revolutions: Vec<f64> },
+    Constant {
+        speed_hz: f64,
+    },
+    Pulses {
+        times_s: Vec<f64>,
+        revolutions: Vec<f64>,
+    },
     /// Cubic between the knots, with the speed at each.
-    Smooth { times_s: Vec<f64>, revolutions: Vec<f64>, speed_hz: Vec<f64> },
+    Smooth {
+        times_s: Vec<f64>,
+        revolutions: Vec<f64>,
+        speed_hz: Vec<f64>,
+    },
 }
 
 impl PhaseTrack {
@@ -169,8 +178,7 @@ impl PhaseTrack {
     pub fn mean_speed_hz(&self) -> f64 {
         match &self.knots {
             Knots::Constant { speed_hz } => *speed_hz,
-            Knots::Pulses { times_s, revolutions }
-            | Knots::Smooth { times_s, revolutions, .. } => {
+            Knots::Pulses { times_s, revolutions } | Knots::Smooth { times_s, revolutions, .. } => {
                 let span = |values: &[f64]| match values {
                     [first, .., last] => last - first,
                     [] | [_] => f64::NAN,
@@ -186,8 +194,9 @@ impl PhaseTrack {
     pub fn relative_excursion(&self) -> Option<f64> {
         let (times_s, revolutions) = match &self.knots {
             Knots::Constant { .. } => return Some(0.0),
-            Knots::Pulses { times_s, revolutions }
-            | Knots::Smooth { times_s, revolutions, .. } => (times_s, revolutions),
+            Knots::Pulses { times_s, revolutions } | Knots::Smooth { times_s, revolutions, .. } => {
+                (times_s, revolutions)
+            }
         };
         let (mut slowest, mut fastest) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut end = 0;
@@ -312,7 +321,8 @@ mod tests {
             assert_eq!(PhaseTrack::from_knots(&times_s, &revolutions), None);
         }
         // A motion that nearly stops between two knots still never turns back.
-        let track = PhaseTrack::from_knots(&[0.0, 1.0, 2.0, 3.0], &[0.0, 5.0, 5.001, 10.0]).unwrap();
+        let track =
+            PhaseTrack::from_knots(&[0.0, 1.0, 2.0, 3.0], &[0.0, 5.0, 5.001, 10.0]).unwrap();
         let angle: Vec<f64> =
             (0..=300).map(|i| track.revolutions_at(0.01 * f64::from(i)).unwrap()).collect();
         assert!(angle.windows(2).all(|pair| pair[1] >= pair[0]));

@@ -133,7 +133,9 @@ mod tests {
         let orders = [(1, 5.0), (2, 1.0), (28, 0.5), (29, 0.05)];
         let x: Vec<f32> = (0..100_001)
             .map(|i| TAU * turned(i as f64 / fs_hz))
-            .map(|a| orders.iter().map(|(k, amplitude)| amplitude * (f64::from(*k) * a).cos()).sum())
+            .map(|a| {
+                orders.iter().map(|(k, amplitude)| amplitude * (f64::from(*k) * a).cos()).sum()
+            })
             .map(|value: f64| f32::rounded(value + 3.0))
             .collect();
         let (points, turns) = (128, 200);

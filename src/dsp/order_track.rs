@@ -184,7 +184,12 @@ mod tests {
 
     const FS_HZ: f64 = 10_000.0;
 
-    fn tracked<T: Real>(x: &[f64], track: &PhaseTrack, points: usize, low: f64) -> (Vec<T>, OrderTracked) {
+    fn tracked<T: Real>(
+        x: &[f64],
+        track: &PhaseTrack,
+        points: usize,
+        low: f64,
+    ) -> (Vec<T>, OrderTracked) {
         let mut plan = OrderTrackPlan::new(points, FS_HZ, low).unwrap();
         let mut out = vec![T::zero(); 200_000];
         let found = plan.process(&narrow::<T>(x), FS_HZ, track, &mut out).unwrap();
@@ -230,7 +235,9 @@ mod tests {
         let orders = [(1.0, 3.0), (2.5, 0.7), (28.0, 1.0), (56.0, 0.2)];
         let x: Vec<f64> = (0..80_001)
             .map(|i| TAU * turned(i as f64 / FS_HZ))
-            .map(|a| orders.iter().map(|(k, amplitude)| amplitude * (k * a).cos()).sum::<f64>() + 1e6)
+            .map(|a| {
+                orders.iter().map(|(k, amplitude)| amplitude * (k * a).cos()).sum::<f64>() + 1e6
+            })
             .collect();
         let points = 256;
         let (y, found) = tracked::<f64>(&x, &track, points, 10.0);

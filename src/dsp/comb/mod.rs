@@ -127,12 +127,7 @@ impl<T: Real> CombSpeedPlan<T> {
     /// at the lowest speed, if that order reaches Nyquist at the highest, if orders or speeds are out of
     /// order, or if more than four million speeds were to be tried.
     #[must_use]
-    pub fn new(
-        search: SpeedSearch,
-        n: usize,
-        fs_hz: f64,
-        cache: &mut FftCache<T>,
-    ) -> Option<Self> {
+    pub fn new(search: SpeedSearch, n: usize, fs_hz: f64, cache: &mut FftCache<T>) -> Option<Self> {
         if !search.is_possible(n, fs_hz) {
             return None;
         }
@@ -210,8 +205,7 @@ impl<T: Real> CombSpeedPlan<T> {
     fn refined(&mut self, x: &[T], speed_hz: f64, confidence: f64) -> CombSpeed {
         self.read_orders(x, speed_hz);
         let bin_hz = self.fs_hz / x.len() as f64;
-        let mut found =
-            CombSpeed { speed_hz, standard_error_hz: None, confidence, n_orders: 0 };
+        let mut found = CombSpeed { speed_hz, standard_error_hz: None, confidence, n_orders: 0 };
         // Everything near first, then what agrees with what was found.
         for pass in 0..2 {
             let (mut numerator, mut denominator, mut n_orders) = (0.0, 0.0, 0);

@@ -97,6 +97,28 @@ fn noise_has_no_speed() {
 }
 
 #[test]
+fn confidence_is_no_more_than_the_share_of_right_speeds() {
+    // 4 s at 12 to 28 dB below the noise: from hardly lost to hardly there.
+    let n = 8192;
+    let mut plan = plan::<f32>(search(10.0, 60.0), n);
+    let (mut sure, mut wrong, mut confidence, mut right) = (0, 0, 0.0, 0.0);
+    for seed in 0..100_u64 {
+        let speed_hz = 11.0 + 0.48 * seed as f64;
+        let x = machine(n, speed_hz, &SHAFT, -12.0 - 0.16 * seed as f64, 4000 + seed);
+        let found = plan.process(&narrow::<f32>(&x)).unwrap();
+        // Within one bin, as the confidence says of itself.
+        let is_right = (found.speed_hz - speed_hz).abs() < FS_HZ / n as f64;
+        confidence += 0.01 * found.confidence;
+        right += if is_right { 0.01 } else { 0.0 };
+        sure += u32::from(found.confidence > 0.95);
+        wrong += u32::from(found.confidence > 0.95 && !is_right);
+    }
+    // A share of 100 scatters by 0.05. Not all are lost, and not all are found.
+    assert!(confidence < right + 0.1, "{confidence} {right}");
+    assert!(sure > 10 && wrong <= 2 && right < 0.95, "{sure} {wrong} {right}");
+}
+
+#[test]
 fn foreign_lines_and_coloured_noise_are_no_comb() {
     let n = 8192;
     let mut plan = plan::<f32>(search(10.0, 60.0), n);
@@ -161,9 +183,15 @@ fn silence_constants_and_no_numbers_give_nothing() {
     x[77] = f32::NAN;
     assert_eq!(plan.process(&x), None);
     // A line without any noise: the window's own side lobes are the background.
-    let clean: Vec<f32> = (0..4000).map(|i| i as f32 / 2000.0).map(|t| {
-        [1.0, 2.0, 3.0].iter().map(|k| f32::rounded((TAU * k * 31.3 * f64::from(t)).cos())).sum()
-    }).collect();
+    let clean: Vec<f32> = (0..4000)
+        .map(|i| i as f32 / 2000.0)
+        .map(|t| {
+            [1.0, 2.0, 3.0]
+                .iter()
+                .map(|k| f32::rounded((TAU * k * 31.3 * f64::from(t)).cos()))
+                .sum()
+        })
+        .collect();
     let found = plan.process(&clean).unwrap();
     assert!((found.speed_hz / 31.3 - 1.0).abs() < 2e-4, "{found:?}");
     let all_zero_but_one: Vec<f32> = (0..4000).map(|i| if i == 2000 { 1.0 } else { 0.0 }).collect();
@@ -176,7 +204,10 @@ fn silence_constants_and_no_numbers_give_nothing() {
 fn impossible_searches_are_not_planned() {
     let mut cache = FftCache::<f32>::new();
     let orders = |list: &[(f64, f64)]| SpeedSearch {
-        orders: list.iter().map(|(order, presence)| CombOrder { order: *order, presence: *presence }).collect(),
+        orders: list
+            .iter()
+            .map(|(order, presence)| CombOrder { order: *order, presence: *presence })
+            .collect(),
         ..search(10.0, 60.0)
     };
     for (search, n) in [

@@ -117,7 +117,10 @@ impl PulseTrainPlan {
         let n = self.wheel.marks_rev.len();
         let turns = angle.floor();
         let below = self.wheel.marks_rev.partition_point(|mark| *mark <= angle - turns).max(1) - 1;
-        #[expect(clippy::cast_possible_truncation, reason = "saturates; such an angle fits nothing")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "saturates; such an angle fits nothing"
+        )]
         let below = (turns as i64).saturating_mul(n as i64).saturating_add(below as i64);
         let spacing = self.angle_of(below + 1) - self.angle_of(below);
         let share = (angle - self.angle_of(below)) / spacing;
@@ -150,9 +153,7 @@ impl PulseTrainPlan {
 
     /// RMS deviation of a seed from a steady acceleration, parts of the mean spacing.
     fn seed_miss(&self, seed: Seed) -> Option<f64> {
-        let point = |i: usize| {
-            (self.pulses_s[seed.first + i], self.angle_of(seed.mark + i as i64))
-        };
+        let point = |i: usize| (self.pulses_s[seed.first + i], self.angle_of(seed.mark + i as i64));
         let fitted = Parabola::fit(seed.n, point)?;
         Some(fitted.rms * self.wheel.marks_rev.len() as f64)
     }

@@ -37,7 +37,8 @@ impl Wheel {
     fn is_possible(&self) -> bool {
         let marks = &self.marks_rev;
         let in_order = marks.windows(2).all(|pair| pair[1] > pair[0]);
-        let in_one_turn = marks.first().is_some_and(|m| m.abs() <= 0.0) && marks.last() < Some(&1.0);
+        let in_one_turn =
+            marks.first().is_some_and(|m| m.abs() <= 0.0) && marks.last() < Some(&1.0);
         in_order && in_one_turn && self.lowest_speed_hz > 0.0 && self.lowest_speed_hz.is_finite()
     }
 }
@@ -100,7 +101,8 @@ impl PulseTrainPlan {
         }
         let n = wheel.marks_rev.len();
         let spacing = |i: usize| wheel.marks_rev.get(i + 1).unwrap_or(&1.0) - wheel.marks_rev[i];
-        let spread = |(least, most): (f64, f64), i: usize| (spacing(i).min(least), spacing(i).max(most));
+        let spread =
+            |(least, most): (f64, f64), i: usize| (spacing(i).min(least), spacing(i).max(most));
         let (least, most) = (0..n).fold((1.0, 0.0), spread);
         Some(Self {
             is_even: most - least < 1e-9,

@@ -51,8 +51,7 @@ impl Parabola {
             (normal[2][2], right[2]) = (1.0, 0.0);
         }
         let coefficients = solve(normal, right)?;
-        let mut fitted =
-            Self { origin_s, scale_s, angle: first.1, coefficients, normal, rms: 0.0 };
+        let mut fitted = Self { origin_s, scale_s, angle: first.1, coefficients, normal, rms: 0.0 };
         let square = |i: usize| (fitted.at(point(i).0) - point(i).1).powi(2);
         fitted.rms = ((0..n).map(square).sum::<f64>() / n as f64).sqrt();
         Some(fitted)

@@ -6,7 +6,10 @@ use crate::dsp::stats;
 
 /// Times of the marks of `wheel` over whole revolutions 0…n of a motion, `time` its inverse.
 fn train(wheel: &Wheel, n: i32, time: impl Fn(f64) -> f64) -> Vec<f64> {
-    (0..n).flat_map(|turn| wheel.marks_rev.iter().map(move |m| f64::from(turn) + m)).map(time).collect()
+    (0..n)
+        .flat_map(|turn| wheel.marks_rev.iter().map(move |m| f64::from(turn) + m))
+        .map(time)
+        .collect()
 }
 
 fn followed(wheel: Wheel, pulses_s: &[f64]) -> PulseTrainPlan {
@@ -211,14 +214,14 @@ fn what_is_no_time_is_rejected_and_counted() {
 }
 
 #[test]
-fn noise_and_short_trains_are_unplaced_and_million_revolutions_do_not_drift() {
+fn short_trains_are_unplaced_and_many_revolutions_do_not_drift() {
     for n in 0..4 {
         let plan = followed(Wheel::even(1, 0.1), &[0.1, 0.2, 0.3][..n]);
         assert!(plan.segments().is_empty());
         assert_eq!(plan.counts().n_unplaced, n);
     }
     let wheel = Wheel::even(1, 1.0);
-    let plan = followed(wheel.clone(), &train(&wheel, 1_000_000, |rev| rev / 16.0));
+    let plan = followed(wheel.clone(), &train(&wheel, 250_000, |rev| rev / 16.0));
     // Marks are counted in whole numbers: exact after any number of them.
     let (times_s, revolutions) = plan.knots(&plan.segments()[0]);
     assert!(times_s.iter().zip(revolutions).all(|(t, rev)| (16.0 * t - rev).abs() <= 0.0));

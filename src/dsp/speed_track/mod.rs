@@ -15,13 +15,13 @@ use crate::dsp::comb::SpeedSearch;
 use crate::dsp::comb::evidence::Evidence;
 use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
+use crate::dsp::fft::ForwardPlan;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::Real;
 use crate::dsp::real::ceil_index;
 use crate::dsp::stft::FrameSpec;
 use crate::dsp::window::Shape;
 use crate::dsp::window::Window;
-use crate::dsp::fft::ForwardPlan;
 use refine::Refiner;
 use ridge::Ridge;
 
@@ -205,7 +205,8 @@ impl<T: Real> SpeedTrackPlan<T> {
         let mut turned = 0.0;
         let mut revolutions = vec![0.0];
         for pair in self.points.windows(2) {
-            turned += 0.5 * (pair[0].speed_hz + pair[1].speed_hz) * (pair[1].time_s - pair[0].time_s);
+            turned +=
+                0.5 * (pair[0].speed_hz + pair[1].speed_hz) * (pair[1].time_s - pair[0].time_s);
             revolutions.push(turned);
         }
         let times_s: Vec<f64> = self.points.iter().map(|point| point.time_s).collect();

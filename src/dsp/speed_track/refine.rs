@@ -18,6 +18,9 @@ use crate::dsp::window::Window;
 /// Power over the background below which a phase says nothing.
 const CLEAR: f64 = 6.0;
 
+/// Knots over which the acceleration beyond an end is taken.
+const END_KNOTS: usize = 3;
+
 /// Working memory of the refinement.
 #[derive(Debug)]
 pub(super) struct Refiner {
@@ -80,9 +83,8 @@ impl Refiner {
 
     pub(super) fn add_knot(&mut self, time_s: f64, speed_hz: f64) {
         let before = self.times_s.last().zip(self.speeds_hz.last()).zip(self.turned.last());
-        let turned = before.map_or(0.0, |((t, f), turned)| {
-            turned + 0.5 * (f + speed_hz) * (time_s - t)
-        });
+        let turned =
+            before.map_or(0.0, |((t, f), turned)| turned + 0.5 * (f + speed_hz) * (time_s - t));
         self.times_s.push(time_s);
         self.speeds_hz.push(speed_hz);
         self.turned.push(turned);
@@ -96,18 +98,21 @@ impl Refiner {
         }
     }
 
-    /// Turns since the first knot; beyond the ends with the speed there.
+    /// Turns since the first knot; beyond the ends with the acceleration of the last knots there.
     fn turned_at(&self, time_s: f64) -> f64 {
+        let last = self.times_s.len() - 1;
         let above = self.times_s.partition_point(|knot| *knot <= time_s);
-        let below = above.saturating_sub(1);
-        let (t, f) = (time_s - self.times_s[below], self.speeds_hz[below]);
-        let inside = above > 0 && above < self.times_s.len();
-        let rate = if inside {
-            (self.speeds_hz[above] - f) / (self.times_s[above] - self.times_s[below])
-        } else {
-            0.0
+        let near = above.saturating_sub(1);
+        let (from, to) = match above {
+            0 => (0, END_KNOTS.min(last)),
+            _ if above > last => (last.saturating_sub(END_KNOTS), last),
+            _ => (above - 1, above),
         };
-        self.turned[below] + t * (f + 0.5 * rate * t)
+        let span_s = self.times_s[to] - self.times_s[from];
+        let change_hz = self.speeds_hz[to] - self.speeds_hz[from];
+        let rate = if span_s > 0.0 { change_hz / span_s } else { 0.0 };
+        let t = time_s - self.times_s[near];
+        self.turned[near] + t * (self.speeds_hz[near] + 0.5 * rate * t)
     }
 
     /// One round: writes the new track into `points` and goes on from it.
@@ -129,8 +134,8 @@ impl Refiner {
             let advance = self.turned_at(middle_s) - self.turned_at(middle_s - step_s);
             let time_s = middle_s - 0.5 * step_s;
             let (error_turns, information) = self.advance_error(time_s, spec);
-            let standard_error_hz = (information > 0.0)
-                .then(|| 1.0 / (TAU * step_s * information.sqrt()));
+            let standard_error_hz =
+                (information > 0.0).then(|| 1.0 / (TAU * step_s * information.sqrt()));
             let speed_hz = (advance + error_turns) / step_s;
             points.push(SpeedPoint { time_s, speed_hz, standard_error_hz });
         }

@@ -49,7 +49,8 @@ fn clean_run_ups_are_followed_within_a_thousandth() {
         move |t: f64| 25.0 * t - 5.0 / w * (w * t).cos(),
         move |t: f64| 25.0 + 5.0 * (w * t).sin(),
     );
-    let mut plan = SpeedTrackPlan::<f32>::new(spec(10.0, 45.0, 1600, 5.0), n, &mut FftCache::new()).unwrap();
+    let mut plan =
+        SpeedTrackPlan::<f32>::new(spec(10.0, 45.0, 1600, 5.0), n, &mut FftCache::new()).unwrap();
     let found = plan.process(&narrow::<f32>(&machine(n, steady.0, &SHAFT, 40.0))).unwrap();
     let (rms, worst) = errors(plan.points(), steady.1);
     // Asked: 1e-3 RMS.
@@ -67,7 +68,8 @@ fn clean_run_ups_are_followed_within_a_thousandth() {
 #[test]
 fn at_zero_decibels_the_error_is_below_half_a_per_cent() {
     let n = 40_000;
-    let mut plan = SpeedTrackPlan::<f64>::new(spec(10.0, 45.0, 2000, 3.0), n, &mut FftCache::new()).unwrap();
+    let mut plan =
+        SpeedTrackPlan::<f64>::new(spec(10.0, 45.0, 2000, 3.0), n, &mut FftCache::new()).unwrap();
     let x = machine(n, |t| 12.0 * t + 0.75 * t * t, &SHAFT, 0.0);
     let found = plan.process(&x).unwrap();
     let (rms, _) = errors(plan.points(), |t| 12.0 + 1.5 * t);
@@ -106,23 +108,25 @@ fn a_mesh_order_and_the_angle_it_gives() {
 
 #[test]
 fn noise_has_no_track() {
-    let n = 8000;
-    let mut plan = SpeedTrackPlan::<f32>::new(spec(10.0, 45.0, 1600, 5.0), n, &mut FftCache::new()).unwrap();
+    let n = 5600;
+    let mut plan =
+        SpeedTrackPlan::<f32>::new(spec(10.0, 45.0, 1600, 5.0), n, &mut FftCache::new()).unwrap();
     let (mut above_half, mut above_95) = (0, 0);
-    for seed in 0..100 {
+    for seed in 0..30 {
         let x = narrow::<f32>(&gaussian_noise(n, 400 + seed));
         let confidence = plan.process(&x).unwrap().confidence;
         above_half += u32::from(confidence > 0.5);
         above_95 += u32::from(confidence > 0.95);
     }
-    // Mean likelihood ratio 1 under noise: at most 1 in 20 above 0.95.
-    assert!(above_95 <= 2 && above_half <= 8, "{above_half} {above_95}");
+    // Mean likelihood ratio 1 under noise: at most 1 in 20 above 0.95; far less in fact.
+    assert!(above_95 <= 1 && above_half <= 3, "{above_half} {above_95}");
 }
 
 #[test]
 fn offsets_silence_and_no_numbers() {
     let n = 12_000;
-    let mut plan = SpeedTrackPlan::<f64>::new(spec(10.0, 45.0, 1601, 5.0), n, &mut FftCache::new()).unwrap();
+    let mut plan =
+        SpeedTrackPlan::<f64>::new(spec(10.0, 45.0, 1601, 5.0), n, &mut FftCache::new()).unwrap();
     let x = machine(n, |t| 25.0 * t, &SHAFT, 20.0);
     plan.process(&x).unwrap();
     let plain = plan.points().to_vec();
