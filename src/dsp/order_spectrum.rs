@@ -130,7 +130,7 @@ mod tests {
         let times_s: Vec<f64> = (0..=100).map(|i| 0.1 * f64::from(i)).collect();
         let revolutions: Vec<f64> = times_s.iter().map(|t| turned(*t)).collect();
         let track = PhaseTrack::from_knots(&times_s, &revolutions).unwrap();
-        let orders = [(1, 5.0), (2, 1.0), (28, 0.5), (29, 0.05)];
+        let orders = [(1_u16, 5.0), (2, 1.0), (28, 0.5), (29, 0.05)];
         let x: Vec<f32> = (0..100_001)
             .map(|i| TAU * turned(i as f64 / fs_hz))
             .map(|a| {
@@ -149,7 +149,7 @@ mod tests {
         let mut out = vec![0.0; plan.n_bins()];
         plan.process(&y, &mut out);
         for (order, exact) in orders {
-            let read = f64::from(out[order as usize * turns]);
+            let read = f64::from(out[usize::from(order) * turns]);
             // Asked 1e-3; the kernels leave 1e-4 of the line, and of order 1 1e-5 elsewhere.
             assert!((read - exact).abs() < 2e-4 * exact + 1e-5, "order {order}: {read}");
         }

@@ -45,10 +45,10 @@ impl Parabola {
             }
         }
         if is_line {
-            for i in 0..2 {
-                (normal[2][i], normal[i][2]) = (0.0, 0.0);
-            }
-            (normal[2][2], right[2]) = (1.0, 0.0);
+            // No third coefficient.
+            (normal[0][2], normal[1][2]) = (0.0, 0.0);
+            normal[2] = [0.0, 0.0, 1.0];
+            right[2] = 0.0;
         }
         let coefficients = solve(normal, right)?;
         let mut fitted = Self { origin_s, scale_s, angle: first.1, coefficients, normal, rms: 0.0 };
@@ -81,15 +81,15 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 /// Solves three symmetric, positive equations; `None` if they are singular.
 fn solve(mut matrix: [[f64; 3]; 3], mut right: [f64; 3]) -> Option<[f64; 3]> {
     for pivot in 0..3 {
-        let scale = matrix[pivot][pivot];
-        // Written so that a NaN is singular.
-        if !(scale > 1e-12) {
+        let upper = matrix[pivot];
+        let is_regular = upper[pivot] > 1e-12;
+        if !is_regular {
             return None;
         }
         for row in pivot + 1..3 {
-            let factor = matrix[row][pivot] / scale;
-            for column in pivot..3 {
-                matrix[row][column] -= factor * matrix[pivot][column];
+            let factor = matrix[row][pivot] / upper[pivot];
+            for (value, above) in matrix[row].iter_mut().zip(upper) {
+                *value -= factor * above;
             }
             right[row] -= factor * right[pivot];
         }

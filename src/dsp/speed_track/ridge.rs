@@ -116,10 +116,10 @@ impl Ridge {
         for frame in 1..self.n_frames {
             let (done, rest) = self.forward.split_at_mut(frame * n);
             self.next.copy_from_slice(&done[(frame - 1) * n..]);
-            self.best.iter_mut().for_each(|best| *best = 0.0);
             spread(&self.next, self.reach, true, &mut self.best);
-            for state in 0..n {
-                rest[state] = self.best[state] + self.scores[frame * n + state];
+            let scores = &self.scores[frame * n..];
+            for ((forward, best), score) in rest.iter_mut().zip(&self.best).zip(scores) {
+                *forward = best + score;
             }
         }
         log_sum(&self.forward[(self.n_frames - 1) * n..])
