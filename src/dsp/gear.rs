@@ -119,7 +119,7 @@ impl GearPlan {
     }
 
     /// The h of the largest Y_hz of the last call; the lowest of equals. Of a baseline's average it is
-    /// the h* that [`crate::dsp::demodulate::MeshDemodPlan`] is planned with and that stays.
+    /// the h* that [`crate::dsp::demodulate::MeshDemodPlan`] is planned with and that stays (D65).
     #[must_use]
     pub fn strongest_harmonic(&self) -> usize {
         let power = |h: usize| self.y_hat[h * self.teeth].norm_sqr();

@@ -2,8 +2,8 @@
 //!
 //! [`StftPlan`] transforms frames of a record, [`StftStream`] those of a signal that comes in blocks;
 //! both give the same bits. Frames lie wholly inside the signal: nothing is padded, so the first frame
-//! speaks for n/2 samples from the start, and up to n − 1 + hop − 1 samples at the end belong to no
-//! complete frame. No inverse. Must not know what the frames are for.
+//! speaks for the time n/2 samples from the start, and up to hop − 1 samples at the end are in no
+//! frame. No inverse. Must not know what the frames are for.
 
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
