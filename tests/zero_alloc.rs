@@ -17,11 +17,15 @@ use rotorwatch::dsp::cepstrum::Kind;
 use rotorwatch::dsp::cepstrum::Lifter;
 use rotorwatch::dsp::cepstrum::LifterPlan;
 use rotorwatch::dsp::cross::CrossPlan;
+use rotorwatch::dsp::comb;
+use rotorwatch::dsp::comb::CombSpeedPlan;
+use rotorwatch::dsp::comb::SpeedSearch;
 use rotorwatch::dsp::cwt;
 use rotorwatch::dsp::cwt::MorletPlan;
 use rotorwatch::dsp::cwt::Part;
 use rotorwatch::dsp::cwt::ScalogramPlan;
 use rotorwatch::dsp::drs::DrsPlan;
+use rotorwatch::dsp::demodulate::MeshDemodPlan;
 use rotorwatch::dsp::envelope::EnvelopeSpectrumPlan;
 use rotorwatch::dsp::envelope::SquaredEnvelopePlan;
 use rotorwatch::dsp::fft::FftCache;
@@ -32,6 +36,8 @@ use rotorwatch::dsp::fir::FirFilter;
 use rotorwatch::dsp::fir::FirSpec;
 use rotorwatch::dsp::full_spectrum::FullSpectrumPlan;
 use rotorwatch::dsp::gear::GearPlan;
+use rotorwatch::dsp::history::GearHistory;
+use rotorwatch::dsp::history::HistoryPlan;
 use rotorwatch::dsp::integrate;
 use rotorwatch::dsp::integrate::Quantity;
 use rotorwatch::dsp::integrate::VelocityPlan;
@@ -39,6 +45,10 @@ use rotorwatch::dsp::kurtogram::InfogramPlan;
 use rotorwatch::dsp::kurtogram::KurtogramPlan;
 use rotorwatch::dsp::line;
 use rotorwatch::dsp::order::PhaseTrack;
+use rotorwatch::dsp::order_spectrum::OrderSpectrumPlan;
+use rotorwatch::dsp::order_track::OrderTrackPlan;
+use rotorwatch::dsp::pulses::PulseTrainPlan;
+use rotorwatch::dsp::pulses::Wheel;
 use rotorwatch::dsp::real::Real;
 use rotorwatch::dsp::sos::SosFilter;
 use rotorwatch::dsp::sos::ZeroPhasePlan;
@@ -46,6 +56,14 @@ use rotorwatch::dsp::spectrum::AmplitudePlan;
 use rotorwatch::dsp::stats;
 use rotorwatch::dsp::stats::Moments;
 use rotorwatch::dsp::synthesis::SynthesisPlan;
+use rotorwatch::dsp::sample_check::SampleCheck;
+use rotorwatch::dsp::spectrum::WelchPlan;
+use rotorwatch::dsp::speed_track::SpeedTrackPlan;
+use rotorwatch::dsp::speed_track::SpeedTrackSpec;
+use rotorwatch::dsp::stft::FrameSpec;
+use rotorwatch::dsp::stft::Scale;
+use rotorwatch::dsp::stft::StftPlan;
+use rotorwatch::dsp::stft::StftStream;
 use rotorwatch::dsp::tacho::Edge;
 use rotorwatch::dsp::tacho::Threshold;
 use rotorwatch::dsp::tsa::TsaPlan;
@@ -245,6 +263,71 @@ fn angle_domain(n: usize) {
     });
 }
 
+/// Kernels that follow the shaft.
+fn synchronous<T: Real>(n: usize) {
+    let x: Vec<T> = (0..n).map(|i| T::rounded((i as f64 * 0.37).sin() + 2.0)).collect();
+    let mut cache = FftCache::<T>::new();
+    assert_no_allocation("sample check", n, || {
+        black_box(SampleCheck::of(&x, None));
+    });
+    let spec = FrameSpec { shape: Shape::Hann, n_frame: n / 8, hop: n / 16 };
+    let mut stft = StftPlan::new(spec, &mut cache);
+    let mut out = zeros::<T>(stft.n_frames(n) * stft.n_bins());
+    assert_no_allocation("stft", n, || {
+        assert!(stft.process(&x, FS_HZ, Scale::Density, &mut out) > 0);
+    });
+    let mut stream = StftStream::new(stft, FS_HZ, Scale::Amplitude);
+    assert_no_allocation("stft stream", n, || {
+        for block in x.chunks(100) {
+            stream.push(block, |m, row| {
+                black_box((m, row[0]));
+            });
+        }
+    });
+    let track = PhaseTrack::from_knots(&[0.0, 0.3, 1.0], &[0.0, 7.0, 25.0]).unwrap();
+    let mut tracked = OrderTrackPlan::new(64, FS_HZ, 20.0).unwrap();
+    let mut y = zeros::<T>(64 * 8);
+    assert_no_allocation("order track", n, || {
+        assert!(tracked.process(&x, FS_HZ, &track, &mut y).is_some());
+    });
+    let mut spectrum = OrderSpectrumPlan::new(64, 8, Shape::FlatTop, &mut cache);
+    let mut out = zeros::<T>(spectrum.n_bins());
+    assert_no_allocation("order spectrum", n, || spectrum.process(&y, &mut out));
+    let search = SpeedSearch { low_hz: 300.0, high_hz: 700.0, orders: comb::shaft_orders(4) };
+    let mut speed = CombSpeedPlan::new(search.clone(), n, FS_HZ, &mut cache).unwrap();
+    assert_no_allocation("comb speed", n, || {
+        assert!(speed.process(&x).is_some());
+    });
+    let spec = SpeedTrackSpec { search, fs_hz: FS_HZ, n_frame: 400, max_rate_hz_s: 100.0 };
+    let mut speed = SpeedTrackPlan::new(spec, n, &mut cache).unwrap();
+    assert_no_allocation("speed track", n, || {
+        assert!(speed.process(&x).is_some());
+    });
+}
+
+/// Kernels of pulses and of averages against their history.
+fn pulses_and_histories(n: usize) {
+    let mut pulses_s: Vec<f64> = (0..n).map(|i| i as f64 * 0.01).collect();
+    pulses_s.remove(77);
+    pulses_s.insert(40, 0.4 + 1e-4);
+    let wheel = Wheel { smoothing_pulses: 3, ..Wheel::even(4, 1.0) };
+    let mut train = PulseTrainPlan::new(wheel, n).unwrap();
+    assert_no_allocation("pulse train", n, || {
+        assert_eq!(train.process(&pulses_s).len(), 1);
+    });
+    let mut cache = FftCache::new();
+    let y: Vec<f64> = (0..n).map(|i| (i as f64 * 0.37).sin() + (i as f64 * 1.1).cos()).collect();
+    let mut demodulation = MeshDemodPlan::new(n, 28, 1, &mut cache).unwrap();
+    assert_no_allocation("mesh demodulation", n, || {
+        assert!(demodulation.process(&y));
+    });
+    let mut history = GearHistory::new(n, 28, 1);
+    let mut plan = HistoryPlan::new(&history, 400, &mut cache).unwrap();
+    assert_no_allocation("history", n, || {
+        assert!(plan.process(&y, &mut history).is_some());
+    });
+}
+
 fn main() {
     let region = Region::new(ALLOCATOR);
     black_box(vec![0_u8; 16]);
@@ -260,5 +343,8 @@ fn main() {
         frequency_domain::<f32>(n);
         frequency_domain::<f64>(n);
         angle_domain(n);
+        synchronous::<f32>(n);
+        synchronous::<f64>(n);
+        pulses_and_histories(n);
     }
 }

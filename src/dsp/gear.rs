@@ -112,6 +112,20 @@ impl GearPlan {
         self.n_harmonics
     }
 
+    /// Teeth of the gear.
+    #[must_use]
+    pub fn teeth(&self) -> usize {
+        self.teeth
+    }
+
+    /// The h of the largest Y_hz of the last call; the lowest of equals. Of a baseline's average it is
+    /// the h* that [`crate::dsp::demodulate::MeshDemodPlan`] is planned with and that stays (D65).
+    #[must_use]
+    pub fn strongest_harmonic(&self) -> usize {
+        let power = |h: usize| self.y_hat[h * self.teeth].norm_sqr();
+        (2..=self.n_harmonics).fold(1, |best, h| if power(h) > power(best) { h } else { best })
+    }
+
     /// Difference signal d of the last call, unit of y.
     #[must_use]
     pub fn difference(&self) -> &[f64] {
@@ -321,6 +335,37 @@ mod tests {
         for (a, b) in [(figures.fm0, doubled.fm0), (figures.fm4, doubled.fm4)] {
             // A power of two changes no mantissa.
             assert!((a.unwrap() - b.unwrap()).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn offsets_counts_and_prime_lengths_change_nothing() {
+        for n in [N, 1009] {
+            let mut plan = GearPlan::new(n, TEETH, 200, &mut FftCache::new()).unwrap();
+            let line = |k: f64, a: f64| sine(n, n as f64, k, a, 0.3);
+            let y = sum(&[line(28.0, 5.0), line(29.0, 0.5), line(1.0, 2.0), gaussian_noise(n, 8)]);
+            let plain = plan.process(&y);
+            assert_eq!(plan.strongest_harmonic(), 1);
+            let offset = plan.process(&y.iter().map(|v| v + 1e6).collect::<Vec<_>>());
+            // 24-bit counts into eighth powers; an offset of 1e6 rounds y by 6e-11.
+            let counts = plan.process(&y.iter().map(|v| 8_388_607.0 * v).collect::<Vec<_>>());
+            for (other, tolerance) in [(offset, 1e-7), (counts, 1e-11)] {
+                for (a, b) in [
+                    (plain.fm0, other.fm0),
+                    (plain.fm4, other.fm4),
+                    (plain.m6a, other.m6a),
+                    (plain.m8a, other.m8a),
+                    (plain.energy_ratio, other.energy_ratio),
+                    (plain.sideband_level_factor, other.sideband_level_factor),
+                ] {
+                    assert!(
+                        (a.unwrap() / b.unwrap() - 1.0).abs() < tolerance,
+                        "{plain:?} {other:?}"
+                    );
+                }
+            }
+            let second = plan.process(&sum(&[y, line(56.0, 7.0)]));
+            assert!(second.fm0.is_some() && plan.strongest_harmonic() == 2);
         }
     }
 

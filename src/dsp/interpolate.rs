@@ -89,6 +89,17 @@ impl SincInterpolator {
     }
 }
 
+/// Symmetric weights that keep every `factor`-th sample from folding: the kernel of D21 at cut-off
+/// 1/`factor`, 2·16·`factor` − 1 of them, of unit sum.
+pub(in crate::dsp) fn decimation_weights(factor: usize) -> Vec<f64> {
+    let half = ceil_index(HALF_WIDTH) * factor - 1;
+    let weight = |tap: usize| kernel((tap as f64 - half as f64) / factor as f64);
+    let mut weights: Vec<f64> = (0..=2 * half).map(weight).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|weight| *weight /= sum);
+    weights
+}
+
 /// sinc(t) under a Kaiser window of ± HALF_WIDTH.
 fn kernel(t: f64) -> f64 {
     let relative = t / HALF_WIDTH;

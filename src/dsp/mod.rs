@@ -37,11 +37,21 @@ pub mod whiten;
 pub mod drs;
 pub mod integrate;
 pub mod cwt;
+pub mod sample_check;
 pub mod tacho;
+mod hermite;
 pub mod order;
+pub mod pulses;
 pub mod interpolate;
 pub mod tsa;
 pub mod gear;
+pub mod demodulate;
+pub mod history;
+pub mod stft;
+pub mod order_track;
+pub mod order_spectrum;
+pub mod comb;
+pub mod speed_track;
 
 #[cfg(test)]
 mod hard_cases;

@@ -1,9 +1,10 @@
 //! Shaft phase over time.
 //!
-//! A [`PhaseTrack`] says how far the shaft has turned at each instant: from tacho pulses, or from a
-//! speed taken as constant. Revolution 0 is at the first pulse (at t = 0 for a constant speed). Must
-//! not know where the pulses come from.
+//! A [`PhaseTrack`] says how far the shaft has turned at each instant: from tacho pulses, from knots
+//! of a smooth motion, or from a speed taken as constant. Revolution 0 is at the first pulse (at t = 0
+//! for a constant speed). Must not know where the pulses come from.
 
+use crate::dsp::hermite;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 
@@ -20,8 +21,19 @@ pub struct PhaseTrack {
 
 #[derive(Debug, Clone, PartialEq)]
 enum Knots {
-    Constant { speed_hz: f64 },
-    Pulses { times_s: Vec<f64>, revolutions: Vec<f64> },
+    Constant {
+        speed_hz: f64,
+    },
+    Pulses {
+        times_s: Vec<f64>,
+        revolutions: Vec<f64>,
+    },
+    /// Cubic between the knots, with the speed at each.
+    Smooth {
+        times_s: Vec<f64>,
+        revolutions: Vec<f64>,
+        speed_hz: Vec<f64>,
+    },
 }
 
 impl PhaseTrack {
@@ -75,6 +87,25 @@ impl PhaseTrack {
         })
     }
 
+    /// Passes a smooth, ever forward motion through knots (D60).
+    ///
+    /// `times_s`, `revolutions`: equally many, at least two, finite, both strictly ascending; else
+    /// `None`. A steady speed and a steady acceleration are met exactly between the knots; other
+    /// motions within h³/(9√3)·|jerk| (a third of that away from the ends), h the distance of two knots.
+    #[must_use]
+    pub fn from_knots(times_s: &[f64], revolutions: &[f64]) -> Option<Self> {
+        let ascends = |x: &[f64]| x.windows(2).all(|pair| pair[1] > pair[0]);
+        let is_finite = |x: &[f64]| x.iter().all(|value| value.is_finite());
+        let are_knots = |x: &[f64]| x.len() >= 2 && is_finite(x) && ascends(x);
+        if times_s.len() != revolutions.len() || !are_knots(times_s) || !are_knots(revolutions) {
+            return None;
+        }
+        let speed_hz = hermite::slopes(times_s, revolutions);
+        let (times_s, revolutions) = (times_s.to_vec(), revolutions.to_vec());
+        let knots = Knots::Smooth { times_s, revolutions, speed_hz };
+        Some(Self { knots, n_missing: 0, n_double: 0 })
+    }
+
     /// Pulses that were missing and have been bridged.
     #[must_use]
     pub fn n_missing(&self) -> usize {
@@ -87,12 +118,31 @@ impl PhaseTrack {
         self.n_double
     }
 
-    /// Gives the revolutions turned at `time_s`, linear between pulses; `None` outside the pulses.
+    /// Gives the revolutions turned at `time_s`, linear between pulses, cubic between knots; `None`
+    /// outside of them.
     #[must_use]
     pub fn revolutions_at(&self, time_s: f64) -> Option<f64> {
         match &self.knots {
             Knots::Constant { speed_hz } => Some(time_s * speed_hz),
             Knots::Pulses { times_s, revolutions } => interpolate(times_s, revolutions, time_s),
+            Knots::Smooth { times_s, revolutions, speed_hz } => {
+                hermite::value_at(times_s, revolutions, speed_hz, time_s)
+            }
+        }
+    }
+
+    /// Gives the speed at `time_s`, Hz: the slope of what [`Self::revolutions_at`] gives; `None` outside.
+    #[must_use]
+    pub fn speed_at(&self, time_s: f64) -> Option<f64> {
+        match &self.knots {
+            Knots::Constant { speed_hz } => Some(*speed_hz),
+            Knots::Pulses { times_s, revolutions } => {
+                let (below, above) = around(times_s, time_s)?;
+                Some((revolutions[above] - revolutions[below]) / (times_s[above] - times_s[below]))
+            }
+            Knots::Smooth { times_s, revolutions, speed_hz } => {
+                hermite::slope_at(times_s, revolutions, speed_hz, time_s)
+            }
         }
     }
 
@@ -104,6 +154,9 @@ impl PhaseTrack {
             Knots::Pulses { times_s, revolutions: turned } => {
                 interpolate(turned, times_s, revolutions)
             }
+            Knots::Smooth { times_s, revolutions: turned, speed_hz } => {
+                hermite::place_of(times_s, turned, speed_hz, revolutions)
+            }
         }
     }
 
@@ -112,7 +165,7 @@ impl PhaseTrack {
     pub fn covered_revolutions(&self, start_s: f64, end_s: f64) -> Option<(f64, f64)> {
         let (first, last) = match &self.knots {
             Knots::Constant { .. } => (start_s, end_s),
-            Knots::Pulses { times_s, .. } => {
+            Knots::Pulses { times_s, .. } | Knots::Smooth { times_s, .. } => {
                 (times_s.first()?.max(start_s), times_s.last()?.min(end_s))
             }
         };
@@ -125,7 +178,7 @@ impl PhaseTrack {
     pub fn mean_speed_hz(&self) -> f64 {
         match &self.knots {
             Knots::Constant { speed_hz } => *speed_hz,
-            Knots::Pulses { times_s, revolutions } => {
+            Knots::Pulses { times_s, revolutions } | Knots::Smooth { times_s, revolutions, .. } => {
                 let span = |values: &[f64]| match values {
                     [first, .., last] => last - first,
                     [] | [_] => f64::NAN,
@@ -139,7 +192,12 @@ impl PhaseTrack {
     /// speed, `None` if no whole revolution is covered.
     #[must_use]
     pub fn relative_excursion(&self) -> Option<f64> {
-        let Knots::Pulses { times_s, revolutions } = &self.knots else { return Some(0.0) };
+        let (times_s, revolutions) = match &self.knots {
+            Knots::Constant { .. } => return Some(0.0),
+            Knots::Pulses { times_s, revolutions } | Knots::Smooth { times_s, revolutions, .. } => {
+                (times_s, revolutions)
+            }
+        };
         let (mut slowest, mut fastest) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut end = 0;
         for (start_s, start) in times_s.iter().zip(revolutions) {
@@ -158,11 +216,16 @@ impl PhaseTrack {
 
 /// Linear interpolation of `y` over ascending `x`; `None` outside.
 fn interpolate(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
+    let (below, above) = around(x, at)?;
+    let (x0, x1) = (x[below], x[above]);
+    Some(y[below] + (y[above] - y[below]) * (at - x0) / (x1 - x0))
+}
+
+/// The two places of ascending `x` that `at` lies between, ends included; `None` outside.
+pub(in crate::dsp) fn around(x: &[f64], at: f64) -> Option<(usize, usize)> {
     let above = x.partition_point(|knot| *knot <= at).min(x.len().checked_sub(1)?);
     let below = above.checked_sub(1)?;
-    let (x0, x1) = (x[below], x[above]);
-    let inside = at >= x0 && at <= x1;
-    inside.then(|| y[below] + (y[above] - y[below]) * (at - x0) / (x1 - x0))
+    (at >= x[below] && at <= x[above]).then_some((below, above))
 }
 
 #[cfg(test)]
@@ -222,6 +285,47 @@ mod tests {
         for speed_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(PhaseTrack::constant(speed_hz), None);
         }
+    }
+
+    #[test]
+    fn knots_of_a_steady_acceleration_are_met_exactly() {
+        // Angle 3t + 2t² from rest of a wheel with uneven marks; 12 r/s of mean speed.
+        let turned = |t: f64| 3.0 * t + 2.0 * t * t;
+        let times_s: Vec<f64> = (0..20).map(|i| 0.25 * f64::from(i + i % 3 / 2)).collect();
+        let mut times_s = times_s;
+        times_s.dedup();
+        let revolutions: Vec<f64> = times_s.iter().map(|t| turned(*t)).collect();
+        let track = PhaseTrack::from_knots(&times_s, &revolutions).unwrap();
+        for i in 0..=400 {
+            let t = 0.01 * f64::from(i);
+            // Rounding of 50 revolutions, and of the search for the time.
+            assert!((track.revolutions_at(t).unwrap() - turned(t)).abs() < 1e-12, "{t}");
+            assert!((track.speed_at(t).unwrap() - 3.0 - 4.0 * t).abs() < 1e-11, "{t}");
+            assert!((track.time_at(turned(t)).unwrap() - t).abs() < 1e-12, "{t}");
+        }
+        assert_eq!((track.revolutions_at(-0.1), track.speed_at(9.0)), (None, None));
+        assert_eq!(track.time_at(-0.1), None);
+    }
+
+    #[test]
+    fn what_is_no_motion_forward_has_no_track() {
+        for (times_s, revolutions) in [
+            (vec![], vec![]),
+            (vec![1.0], vec![1.0]),
+            (vec![1.0, 1.0], vec![0.0, 1.0]),
+            (vec![1.0, 2.0], vec![1.0, 1.0]),
+            (vec![1.0, 2.0, 3.0], vec![0.0, 1.0]),
+            (vec![1.0, f64::NAN, 3.0], vec![0.0, 1.0, 2.0]),
+            (vec![1.0, 2.0], vec![0.0, f64::INFINITY]),
+        ] {
+            assert_eq!(PhaseTrack::from_knots(&times_s, &revolutions), None);
+        }
+        // A motion that nearly stops between two knots still never turns back.
+        let track =
+            PhaseTrack::from_knots(&[0.0, 1.0, 2.0, 3.0], &[0.0, 5.0, 5.001, 10.0]).unwrap();
+        let angle: Vec<f64> =
+            (0..=300).map(|i| track.revolutions_at(0.01 * f64::from(i)).unwrap()).collect();
+        assert!(angle.windows(2).all(|pair| pair[1] >= pair[0]));
     }
 
     #[test]

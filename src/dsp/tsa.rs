@@ -230,6 +230,21 @@ mod tests {
     }
 
     #[test]
+    fn offsets_and_prime_numbers_of_points_change_nothing() {
+        let track = PhaseTrack::constant(9.87).unwrap();
+        let x = sum(&[sine(50_000, FS_HZ, 28.0 * 9.87, 1.0, 0.4), gaussian_noise(50_000, 4)]);
+        let offset: Vec<f64> = x.iter().map(|v| v + 1e6).collect();
+        for points in [997, 1024] {
+            let (plain, _) = average::<f64>(&x, &track, points);
+            let (with_offset, _) = average::<f64>(&offset, &track, points);
+            let worst =
+                plain.iter().zip(&with_offset).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            // 32 products of up to 1e6, each rounded by 1e-10.
+            assert!(worst < 1e-8, "{worst}");
+        }
+    }
+
+    #[test]
     fn noise_shrinks_with_the_square_root_of_the_revolutions() {
         let track = PhaseTrack::constant(10.0).unwrap();
         let (y, n_revolutions) = average::<f64>(&gaussian_noise(100_500, 2), &track, 1000);
