@@ -14,8 +14,14 @@
 //! Must not know machines, sensors, baselines or thresholds: only rates, frequencies and lengths.
 
 pub mod real;
+mod lanes;
 pub mod stats;
 pub mod window;
+mod butterfly;
+mod grid;
+mod split;
+mod inverse;
+mod forward;
 pub mod fft;
 pub mod spectrum;
 pub mod line;
