@@ -9,6 +9,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use realfft::RealFftPlanner;
 use realfft::RealToComplex;
 use rustfft::Fft;
@@ -211,76 +213,124 @@ impl<T: Real> Band<T> {
 
     /// Puts weighted bins where an inverse of `length` has them, and zeros elsewhere.
     pub(in crate::dsp) fn lay_out(&self, x_hat: &[Complex<T>], length: usize, grid: &mut Grid<T>) {
-        self.lay_out_with(length, grid, |bins, gains, re, im| {
-            for (((re, im), x), gain) in re.iter_mut().zip(im).zip(&x_hat[bins]).zip(gains) {
-                (*re, *im) = (x.re * *gain, x.im * *gain);
-            }
-        });
+        let x = &x_hat[self.bins.clone()];
+        let (first, n_before) = self.places(length, grid);
+        let (before, behind) = self.gains.split_at(n_before);
+        let places = first..first + n_before;
+        let (re, im) = (&mut grid.re[places.clone()], &mut grid.im[places]);
+        let arch = Arch::new();
+        arch.dispatch(Weigh { x: &x[..n_before], gains: before, re, im });
+        let places = ..x.len() - n_before;
+        let (re, im) = (&mut grid.re[places], &mut grid.im[places]);
+        arch.dispatch(Weigh { x: &x[n_before..], gains: behind, re, im });
     }
 
     /// As [`Self::lay_out`], from lists of real and imaginary parts.
     pub(in crate::dsp) fn lay_out_split(&self, x: &Split<T>, length: usize, grid: &mut Grid<T>) {
-        self.lay_out_with(length, grid, |bins, gains, re, im| {
-            let (from_re, from_im) = (&x.re[bins.clone()], &x.im[bins]);
-            for ((re, x), gain) in re.iter_mut().zip(from_re).zip(gains) {
-                *re = *x * *gain;
-            }
-            for ((im, x), gain) in im.iter_mut().zip(from_im).zip(gains) {
-                *im = *x * *gain;
-            }
-        });
+        let (x_re, x_im) = (&x.re[self.bins.clone()], &x.im[self.bins.clone()]);
+        let (first, n_before) = self.places(length, grid);
+        let (before, behind) = self.gains.split_at(n_before);
+        let places = first..first + n_before;
+        let rest = ..x_re.len() - n_before;
+        let arch = Arch::new();
+        for (x, list) in [(x_re, &mut grid.re), (x_im, &mut grid.im)] {
+            let to = &mut list[places.clone()];
+            arch.dispatch(Product { a: &x[..n_before], b: before, to });
+            let to = &mut list[rest];
+            arch.dispatch(Product { a: &x[n_before..], b: behind, to });
+        }
     }
 
-    /// Hands on runs of bins with their gains and places.
-    #[inline(always)]
-    fn lay_out_with(
-        &self,
-        length: usize,
-        grid: &mut Grid<T>,
-        copy: impl Fn(Range<usize>, &[T], &mut [T], &mut [T]),
-    ) {
+    /// First place of the band, and how many of its bins stand from there to the end; the others
+    /// stand at the beginning. Clears the places between.
+    fn places(&self, length: usize, grid: &mut Grid<T>) -> (usize, usize) {
         let (first, n) = (self.bins.start % length, self.bins.len());
         let n_before = n.min(length - first);
-        let (re, im) = (&mut grid.re[..length], &mut grid.im[..length]);
-        for list in [&mut *re, &mut *im] {
-            list[first + n_before..].fill(T::zero());
+        for list in [&mut grid.re, &mut grid.im] {
+            list[first + n_before..length].fill(T::zero());
             list[n - n_before..first].fill(T::zero());
         }
-        let middle = self.bins.start + n_before;
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                let (before, behind) = self.gains.split_at(n_before);
-                let places = first..first + n_before;
-                copy(self.bins.start..middle, before, &mut re[places.clone()], &mut im[places]);
-                let n_behind = n - n_before;
-                copy(middle..self.bins.end, behind, &mut re[..n_behind], &mut im[..n_behind]);
-            },
-        );
+        (first, n_before)
     }
 
     /// Σ |gain·X|² over the band: the mean of the squared modulus of its inverse.
     pub(in crate::dsp) fn power(&self, x: &Split<T>) -> f64 {
-        const LANES: usize = 16;
         let (re, im) = (&x.re[self.bins.clone()], &x.im[self.bins.clone()]);
+        Arch::new().dispatch(Power { re, im, gains: &self.gains })
+    }
+}
+
+struct Weigh<'a, T> {
+    x: &'a [Complex<T>],
+    gains: &'a [T],
+    re: &'a mut [T],
+    im: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Weigh<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.x.len();
+        let (gains, re, im) = (&self.gains[..n], &mut self.re[..n], &mut self.im[..n]);
+        for i in 0..n {
+            (re[i], im[i]) = (self.x[i].re * gains[i], self.x[i].im * gains[i]);
+        }
+    }
+}
+
+struct Product<'a, T> {
+    a: &'a [T],
+    b: &'a [T],
+    to: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Product<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.to.len();
+        let (a, b) = (&self.a[..n], &self.b[..n]);
+        for i in 0..n {
+            self.to[i] = a[i] * b[i];
+        }
+    }
+}
+
+struct Power<'a, T> {
+    re: &'a [T],
+    im: &'a [T],
+    gains: &'a [T],
+}
+
+impl<T: Real> WithSimd for Power<'_, T> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        const LANES: usize = 16;
+        // 32 sums side by side of as many numbers, then f64.
+        const BLOCK: usize = 32 * LANES;
         let mut sum = 0.0;
-        // Short enough for sums in T, long enough for them to be quick.
-        let blocks = re.chunks(32 * LANES).zip(im.chunks(32 * LANES));
-        for ((re, im), gains) in blocks.zip(self.gains.chunks(32 * LANES)) {
+        let lists = self.re.chunks(BLOCK).zip(self.im.chunks(BLOCK));
+        for ((re, im), gains) in lists.zip(self.gains.chunks(BLOCK)) {
             let mut lanes = [T::zero(); LANES];
-            Arch::new().dispatch(
-                #[inline(always)]
-                || {
-                    let pairs = re.chunks(LANES).zip(im.chunks(LANES));
-                    for ((re, im), gains) in pairs.zip(gains.chunks(LANES)) {
-                        for (((lane, re), im), gain) in lanes.iter_mut().zip(re).zip(im).zip(gains)
-                        {
-                            *lane += (*re * *re + *im * *im) * (*gain * *gain);
-                        }
-                    }
-                },
-            );
-            sum += lanes.iter().map(|lane| lane.to_f64()).sum::<f64>();
+            let (re, re_rest) = re.as_chunks::<LANES>();
+            let (im, im_rest) = im.as_chunks::<LANES>();
+            let (gains, gains_rest) = gains.as_chunks::<LANES>();
+            for ((re, im), gains) in re.iter().zip(im).zip(gains) {
+                for i in 0..LANES {
+                    lanes[i] += (re[i] * re[i] + im[i] * im[i]) * (gains[i] * gains[i]);
+                }
+            }
+            for ((re, im), gain) in re_rest.iter().zip(im_rest).zip(gains_rest) {
+                lanes[0] += (*re * *re + *im * *im) * (*gain * *gain);
+            }
+            for lane in lanes {
+                sum += lane.to_f64();
+            }
         }
         sum
     }

@@ -9,6 +9,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use realfft::RealToComplex;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
@@ -91,51 +93,33 @@ impl<T: Real> RealTransform<T> {
         match way {
             Way::Half { plan, grid, flat, turns } => {
                 let h = plan.len();
-                let odd = x.len() % 2;
-                let (pairs, last) = x.split_at(x.len() - odd);
                 let (re, im) = (&mut grid.re[..h], &mut grid.im[..h]);
-                let m = pairs.len() / 2;
-                arch.dispatch(
-                    #[inline(always)]
-                    || match weights {
-                        Some(weights) => {
-                            let (re, im) = (&mut re[..m], &mut im[..m]);
-                            for i in 0..m {
-                                re[i] = (pairs[2 * i] - high - low) * weights[2 * i];
-                                im[i] = (pairs[2 * i + 1] - high - low) * weights[2 * i + 1];
-                            }
-                        }
-                        None => {
-                            let (re, im) = (&mut re[..m], &mut im[..m]);
-                            for i in 0..m {
-                                re[i] = pairs[2 * i] - high - low;
-                                im[i] = pairs[2 * i + 1] - high - low;
-                            }
-                        }
-                    },
-                );
-                re[m..].fill(T::zero());
-                im[m..].fill(T::zero());
-                if let ([value], Some(re)) = (last, re.get_mut(m)) {
-                    let weight = weights.and_then(|w| w.last()).copied();
-                    *re = (*value - high - low) * weight.unwrap_or_else(T::one);
+                arch.dispatch(Pairs { x, high, low, weights, re, im });
+                // The last of an odd number, and the padding.
+                let n_pairs = x.len() / 2;
+                re[n_pairs..].fill(T::zero());
+                im[n_pairs..].fill(T::zero());
+                if let (Some(re), false) = (re.get_mut(n_pairs), x.len().is_multiple_of(2)) {
+                    let weight = weights.map_or_else(T::one, |weights| weights[x.len() - 1]);
+                    *re = (x[x.len() - 1] - high - low) * weight;
                 }
                 let lanes = plan.lanes();
                 let results = plan.forward(grid);
                 flatten(results, lanes, (&mut flat.im, &mut flat.re));
                 (flat.re[h], flat.im[h]) = (flat.re[0], flat.im[0]);
-                unfold(*arch, flat, turns, x_hat);
+                arch.dispatch(Unfold { z: flat, turns, x_hat });
             }
             Way::Whole { plan, grid } => {
                 let n = plan.len();
-                fill(*arch, x, (high, low), weights, &mut grid.re[..n]);
+                let input = &mut grid.re[..n];
+                arch.dispatch(Singles { x, high, low, weights, input });
                 grid.im.fill(T::zero());
                 let lanes = plan.lanes();
                 let results = plan.forward(grid);
                 flatten(results, lanes, (&mut x_hat.im, &mut x_hat.re));
             }
             Way::Library { plan, input, bins, scratch } => {
-                fill(*arch, x, (high, low), weights, input);
+                arch.dispatch(Singles { x, high, low, weights, input });
                 let done = plan.process_with_scratch(input, bins, scratch);
                 debug_assert!(done.is_ok(), "lengths were checked");
                 x_hat.fill(bins);
@@ -151,24 +135,68 @@ impl<T: Real> fmt::Debug for RealTransform<T> {
     }
 }
 
-fn fill<T: Real>(arch: Arch, x: &[T], (high, low): (T, T), weights: Option<&[T]>, input: &mut [T]) {
-    let (input, padding) = input.split_at_mut(x.len());
-    arch.dispatch(
-        #[inline(always)]
-        || match weights {
-            Some(weights) => {
-                for ((input, value), weight) in input.iter_mut().zip(x).zip(weights) {
-                    *input = (*value - high - low) * *weight;
-                }
+/// (x − high − low)·weights, the even samples and the odd ones.
+struct Pairs<'a, T> {
+    x: &'a [T],
+    high: T,
+    low: T,
+    weights: Option<&'a [T]>,
+    re: &'a mut [T],
+    im: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Pairs<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { x, high, low, weights, re, im } = self;
+        let (x, _) = x.as_chunks::<2>();
+        let (re, im) = (&mut re[..x.len()], &mut im[..x.len()]);
+        if let Some(weights) = weights {
+            let (weights, _) = weights.as_chunks::<2>();
+            let weights = &weights[..x.len()];
+            for i in 0..x.len() {
+                re[i] = (x[i][0] - high - low) * weights[i][0];
+                im[i] = (x[i][1] - high - low) * weights[i][1];
             }
-            None => {
-                for (input, value) in input.iter_mut().zip(x) {
-                    *input = *value - high - low;
-                }
+        } else {
+            for i in 0..x.len() {
+                re[i] = x[i][0] - high - low;
+                im[i] = x[i][1] - high - low;
             }
-        },
-    );
-    padding.fill(T::zero());
+        }
+    }
+}
+
+/// (x − high − low)·weights, then zeros.
+struct Singles<'a, T> {
+    x: &'a [T],
+    high: T,
+    low: T,
+    weights: Option<&'a [T]>,
+    input: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Singles<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { x, high, low, weights, input } = self;
+        let (input, padding) = input.split_at_mut(x.len());
+        padding.fill(T::zero());
+        if let Some(weights) = weights {
+            let weights = &weights[..x.len()];
+            for i in 0..x.len() {
+                input[i] = (x[i] - high - low) * weights[i];
+            }
+        } else {
+            for i in 0..x.len() {
+                input[i] = x[i] - high - low;
+            }
+        }
+    }
 }
 
 /// Puts groups of `lanes` first and second numbers into two lists, as far as these go.
@@ -187,21 +215,28 @@ fn flatten<T: Real>(
 
 /// Bins of n real samples from the transform Z of their pairs (D28): with Z′ = conj Z reversed,
 /// X = (Z + Z′)/2 − j·e^(−jθ)·(Z − Z′)/2.
-fn unfold<T: Real>(arch: Arch, z: &Split<T>, turns: &Split<T>, x_hat: &mut Split<T>) {
-    let n = x_hat.re.len();
-    let half = T::rounded(0.5);
-    let (z_re, z_im) = (&z.re[..n], &z.im[..n]);
-    let (cos, sin) = (&turns.re[..n], &turns.im[..n]);
-    let (re, im) = (&mut x_hat.re[..n], &mut x_hat.im[..n]);
-    arch.dispatch(
-        #[inline(always)]
-        || {
-            for k in 0..n {
-                let (a_re, a_im, b_re, b_im) = (z_re[k], z_im[k], z_re[n - 1 - k], z_im[n - 1 - k]);
-                let (sum_im, gap_re) = (a_im + b_im, a_re - b_re);
-                re[k] = half * (a_re + b_re) + cos[k] * sum_im - sin[k] * gap_re;
-                im[k] = half * (a_im - b_im) - cos[k] * gap_re - sin[k] * sum_im;
-            }
-        },
-    );
+struct Unfold<'a, T: Real> {
+    z: &'a Split<T>,
+    turns: &'a Split<T>,
+    x_hat: &'a mut Split<T>,
+}
+
+impl<T: Real> WithSimd for Unfold<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { z, turns, x_hat } = self;
+        let n = x_hat.re.len();
+        let half = T::rounded(0.5);
+        let (z_re, z_im) = (&z.re[..n], &z.im[..n]);
+        let (cos, sin) = (&turns.re[..n], &turns.im[..n]);
+        let (re, im) = (&mut x_hat.re[..n], &mut x_hat.im[..n]);
+        for k in 0..n {
+            let (a_re, a_im, b_re, b_im) = (z_re[k], z_im[k], z_re[n - 1 - k], z_im[n - 1 - k]);
+            let (sum_im, gap_re) = (a_im + b_im, a_re - b_re);
+            re[k] = half * (a_re + b_re) + cos[k] * sum_im - sin[k] * gap_re;
+            im[k] = half * (a_im - b_im) - cos[k] * gap_re - sin[k] * sum_im;
+        }
+    }
 }

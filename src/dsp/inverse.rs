@@ -8,6 +8,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use rustfft::Fft;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
@@ -113,19 +115,8 @@ impl<T: Real> Results<'_, T> {
     }
 
     /// Writes what `f` makes of real and imaginary part, for as many results as fit.
-    #[inline(always)]
     pub(in crate::dsp) fn map_to<U>(&self, out: &mut [U], f: impl Fn(T, T) -> U) {
-        let Self { list, lanes } = *self;
-        Arch::new().dispatch(
-            #[inline(always)]
-            || match lanes {
-                16 => map::<T, U, 16>(list, out, f),
-                8 => map::<T, U, 8>(list, out, f),
-                4 => map::<T, U, 4>(list, out, f),
-                2 => map::<T, U, 2>(list, out, f),
-                _ => map::<T, U, 1>(list, out, f),
-            },
-        );
+        Arch::new().dispatch(Map { list: self.list, lanes: self.lanes, out, f });
     }
 
     /// Sums the moduli of the results `range`, in f64.
@@ -137,6 +128,29 @@ impl<T: Real> Results<'_, T> {
         });
         let moduli = pairs.skip(range.start).take(range.len());
         moduli.map(|(re, im)| (*re * *re + *im * *im).square_root().to_f64()).sum()
+    }
+}
+
+struct Map<'a, T, U, F> {
+    list: &'a [T],
+    lanes: usize,
+    out: &'a mut [U],
+    f: F,
+}
+
+impl<T: Real, U, F: Fn(T, T) -> U> WithSimd for Map<'_, T, U, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { list, lanes, out, f } = self;
+        match lanes {
+            16 => map::<T, U, 16>(list, out, f),
+            8 => map::<T, U, 8>(list, out, f),
+            4 => map::<T, U, 4>(list, out, f),
+            2 => map::<T, U, 2>(list, out, f),
+            _ => map::<T, U, 1>(list, out, f),
+        }
     }
 }
 

@@ -30,6 +30,7 @@ pub mod envelope;
 pub mod whiten;
 pub mod integrate;
 pub mod cwt;
+pub mod cwt_bank;
 pub mod tacho;
 pub mod order;
 pub mod interpolate;

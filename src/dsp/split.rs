@@ -4,6 +4,8 @@
 //! know what the numbers are.
 
 use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use rustfft::num_complex::Complex;
 
 use crate::dsp::lanes::Aligned;
@@ -25,40 +27,74 @@ impl<T: Real> Split<T> {
 
     /// Takes a list in.
     pub(in crate::dsp) fn fill(&mut self, list: &[Complex<T>]) {
-        let Self { arch, re, im } = self;
-        arch.dispatch(
-            #[inline(always)]
-            || {
-                for ((re, im), x) in re.iter_mut().zip(im.iter_mut()).zip(list) {
-                    (*re, *im) = (x.re, x.im);
-                }
-            },
-        );
+        self.arch.dispatch(Fill { list, re: &mut self.re, im: &mut self.im });
     }
 
     /// Writes the list out.
     pub(in crate::dsp) fn copy_to(&self, list: &mut [Complex<T>]) {
-        let Self { arch, re, im } = self;
-        arch.dispatch(
-            #[inline(always)]
-            || {
-                for ((x, re), im) in list.iter_mut().zip(re.iter()).zip(im.iter()) {
-                    *x = Complex::new(*re, *im);
-                }
-            },
-        );
+        self.arch.dispatch(Copy { re: &self.re, im: &self.im, list });
     }
 
     /// Writes `factor` times the moduli.
     pub(in crate::dsp) fn moduli(&self, factor: T, moduli: &mut [T]) {
-        let Self { arch, re, im } = self;
-        arch.dispatch(
-            #[inline(always)]
-            || {
-                for ((x, re), im) in moduli.iter_mut().zip(re.iter()).zip(im.iter()) {
-                    *x = (*re * *re + *im * *im).square_root() * factor;
-                }
-            },
-        );
+        self.arch.dispatch(Moduli { re: &self.re, im: &self.im, factor, moduli });
+    }
+}
+
+struct Fill<'a, T> {
+    list: &'a [Complex<T>],
+    re: &'a mut [T],
+    im: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Fill<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.list.len();
+        let (re, im) = (&mut self.re[..n], &mut self.im[..n]);
+        for i in 0..n {
+            (re[i], im[i]) = (self.list[i].re, self.list[i].im);
+        }
+    }
+}
+
+struct Copy<'a, T> {
+    re: &'a [T],
+    im: &'a [T],
+    list: &'a mut [Complex<T>],
+}
+
+impl<T: Real> WithSimd for Copy<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.list.len();
+        let (re, im) = (&self.re[..n], &self.im[..n]);
+        for i in 0..n {
+            self.list[i] = Complex::new(re[i], im[i]);
+        }
+    }
+}
+
+struct Moduli<'a, T> {
+    re: &'a [T],
+    im: &'a [T],
+    factor: T,
+    moduli: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Moduli<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.moduli.len();
+        let (re, im) = (&self.re[..n], &self.im[..n]);
+        for i in 0..n {
+            self.moduli[i] = (re[i] * re[i] + im[i] * im[i]).square_root() * self.factor;
+        }
     }
 }
