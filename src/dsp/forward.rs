@@ -19,7 +19,6 @@ use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::grid::Grid;
 use crate::dsp::grid::GridPlan;
-use crate::dsp::lanes::Aligned;
 use crate::dsp::real::Real;
 use crate::dsp::split::Split;
 
@@ -104,8 +103,9 @@ impl<T: Real> RealTransform<T> {
                     *re = (x[x.len() - 1] - high - low) * weight;
                 }
                 let lanes = plan.lanes();
-                let results = plan.forward(grid);
-                flatten(results, lanes, (&mut flat.im, &mut flat.re));
+                let groups = plan.forward(grid);
+                let (first, second) = (&mut flat.im[..h], &mut flat.re[..h]);
+                arch.dispatch(Flatten { groups, lanes, first, second });
                 (flat.re[h], flat.im[h]) = (flat.re[0], flat.im[0]);
                 arch.dispatch(Unfold { z: flat, turns, x_hat });
             }
@@ -115,8 +115,9 @@ impl<T: Real> RealTransform<T> {
                 arch.dispatch(Singles { x, high, low, weights, input });
                 grid.im.fill(T::zero());
                 let lanes = plan.lanes();
-                let results = plan.forward(grid);
-                flatten(results, lanes, (&mut x_hat.im, &mut x_hat.re));
+                let groups = plan.forward(grid);
+                let (first, second) = (&mut x_hat.im[..], &mut x_hat.re[..]);
+                arch.dispatch(Flatten { groups, lanes, first, second });
             }
             Way::Library { plan, input, bins, scratch } => {
                 arch.dispatch(Singles { x, high, low, weights, input });
@@ -200,16 +201,40 @@ impl<T: Real> WithSimd for Singles<'_, T> {
 }
 
 /// Puts groups of `lanes` first and second numbers into two lists, as far as these go.
-fn flatten<T: Real>(
-    groups: &[T],
+struct Flatten<'a, T> {
+    groups: &'a [T],
     lanes: usize,
-    (first, second): (&mut Aligned<T>, &mut Aligned<T>),
-) {
-    let mut groups = groups.chunks_exact(lanes);
-    for (first, second) in first.chunks_mut(lanes).zip(second.chunks_mut(lanes)) {
-        let (Some(a), Some(b)) = (groups.next(), groups.next()) else { return };
-        first.copy_from_slice(&a[..first.len()]);
-        second.copy_from_slice(&b[..second.len()]);
+    first: &'a mut [T],
+    second: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Flatten<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { groups, lanes, first, second } = self;
+        match lanes {
+            16 => flatten::<T, 16>(groups, first, second),
+            8 => flatten::<T, 8>(groups, first, second),
+            4 => flatten::<T, 4>(groups, first, second),
+            _ => flatten::<T, 2>(groups, first, second),
+        }
+    }
+}
+
+#[inline(always)]
+fn flatten<T: Real, const R: usize>(groups: &[T], first: &mut [T], second: &mut [T]) {
+    let (groups, _) = groups.as_chunks::<R>();
+    let (first, first_rest) = first.as_chunks_mut::<R>();
+    let (second, second_rest) = second.as_chunks_mut::<R>();
+    let n = first.len();
+    for ((group, first), second) in groups.chunks_exact(2).zip(first).zip(second) {
+        (*first, *second) = (group[0], group[1]);
+    }
+    if let Some([a, b]) = groups.get(2 * n..2 * n + 2) {
+        first_rest.copy_from_slice(&a[..first_rest.len()]);
+        second_rest.copy_from_slice(&b[..second_rest.len()]);
     }
 }
 

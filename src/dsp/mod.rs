@@ -15,6 +15,7 @@
 
 pub mod real;
 mod lanes;
+pub mod moments;
 pub mod stats;
 pub mod window;
 mod butterfly;
