@@ -222,7 +222,7 @@ impl<T: Real> CwtPlan<T> {
         }
     }
 
-    /// Writes the RMS over the record of |W| of every scale, u, without an inverse (D29).
+    /// Writes the RMS over the record of |W| of every scale, u, without an inverse (D52).
     ///
     /// The cone of influence is part of it; what spreads into the padding is counted as if it stood in
     /// the record.

@@ -1,6 +1,6 @@
 //! Forward transform of real samples into lists of real and imaginary parts.
 //!
-//! An even length whose half has a grid goes through it two samples a point (D28), a length with a grid
+//! An even length whose half has a grid goes through it two samples a point (D51), a length with a grid
 //! as it is, any other and processors without vectors through `realfft`. Must not know what a bin stands
 //! for.
 
@@ -238,7 +238,7 @@ fn flatten<T: Real, const R: usize>(groups: &[T], first: &mut [T], second: &mut 
     }
 }
 
-/// Bins of n real samples from the transform Z of their pairs (D28): with Z′ = conj Z reversed,
+/// Bins of n real samples from the transform Z of their pairs (D51): with Z′ = conj Z reversed,
 /// X = (Z + Z′)/2 − j·e^(−jθ)·(Z − Z′)/2.
 struct Unfold<'a, T: Real> {
     z: &'a Split<T>,

@@ -1,4 +1,4 @@
-//! Complex Fourier transform of L = W·M points in the lanes of vectors, W numbers wide (D27).
+//! Complex Fourier transform of L = W·M points in the lanes of vectors, W numbers wide (D50).
 //!
 //! The points stand in W rows of M. First the W points of every column are transformed, columns side
 //! by side in the lanes; each is turned by its twiddle; the grid is transposed; then M points are
