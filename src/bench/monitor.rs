@@ -133,10 +133,10 @@ impl Stream {
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e4")]
         let n_blocks = seconds * recording::FS_HZ as usize / BLOCK;
+        let samples = recording::gearbox((n_blocks + PER_MACHINE) * BLOCK, 2);
         #[expect(clippy::cast_possible_truncation, reason = "they are numbers of f32")]
-        let samples =
-            recording::gearbox((n_blocks + PER_MACHINE) * BLOCK, 2).iter().map(|x| *x as f32);
-        Ok(Self { machines, samples: samples.collect(), n_blocks })
+        let samples = samples.iter().map(|x| *x as f32).collect();
+        Ok(Self { machines, samples, n_blocks })
     }
 
     /// The stream through new monitors: processor time, and from the arrival of the blocks that end a
