@@ -29,7 +29,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
-    ("bench", &["simulator"]),
+    ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator"]),
     (
         "api",
         &[

@@ -16,16 +16,20 @@ use rotorwatch::dsp::cepstrum::CepstrumPlan;
 use rotorwatch::dsp::cepstrum::Kind;
 use rotorwatch::dsp::cepstrum::Lifter;
 use rotorwatch::dsp::cepstrum::LifterPlan;
-use rotorwatch::dsp::cross::CrossPlan;
 use rotorwatch::dsp::comb;
 use rotorwatch::dsp::comb::CombSpeedPlan;
 use rotorwatch::dsp::comb::SpeedSearch;
+use rotorwatch::dsp::cross::CrossPlan;
 use rotorwatch::dsp::cwt;
 use rotorwatch::dsp::cwt::MorletPlan;
 use rotorwatch::dsp::cwt::Part;
 use rotorwatch::dsp::cwt::ScalogramPlan;
-use rotorwatch::dsp::drs::DrsPlan;
+use rotorwatch::dsp::cwt_bank;
+use rotorwatch::dsp::cwt_bank::Accuracy;
+use rotorwatch::dsp::cwt_bank::CwtPlan;
+use rotorwatch::dsp::cwt_bank::Rate;
 use rotorwatch::dsp::demodulate::MeshDemodPlan;
+use rotorwatch::dsp::drs::DrsPlan;
 use rotorwatch::dsp::envelope::EnvelopeSpectrumPlan;
 use rotorwatch::dsp::envelope::SquaredEnvelopePlan;
 use rotorwatch::dsp::fft::FftCache;
@@ -44,26 +48,26 @@ use rotorwatch::dsp::integrate::VelocityPlan;
 use rotorwatch::dsp::kurtogram::InfogramPlan;
 use rotorwatch::dsp::kurtogram::KurtogramPlan;
 use rotorwatch::dsp::line;
+use rotorwatch::dsp::moments::MomentHistory;
 use rotorwatch::dsp::order::PhaseTrack;
 use rotorwatch::dsp::order_spectrum::OrderSpectrumPlan;
 use rotorwatch::dsp::order_track::OrderTrackPlan;
 use rotorwatch::dsp::pulses::PulseTrainPlan;
 use rotorwatch::dsp::pulses::Wheel;
 use rotorwatch::dsp::real::Real;
+use rotorwatch::dsp::sample_check::SampleCheck;
 use rotorwatch::dsp::sos::SosFilter;
 use rotorwatch::dsp::sos::ZeroPhasePlan;
 use rotorwatch::dsp::spectrum::AmplitudePlan;
-use rotorwatch::dsp::stats;
-use rotorwatch::dsp::stats::Moments;
-use rotorwatch::dsp::synthesis::SynthesisPlan;
-use rotorwatch::dsp::sample_check::SampleCheck;
-use rotorwatch::dsp::spectrum::WelchPlan;
 use rotorwatch::dsp::speed_track::SpeedTrackPlan;
 use rotorwatch::dsp::speed_track::SpeedTrackSpec;
+use rotorwatch::dsp::stats;
+use rotorwatch::dsp::stats::Moments;
 use rotorwatch::dsp::stft::FrameSpec;
 use rotorwatch::dsp::stft::Scale;
 use rotorwatch::dsp::stft::StftPlan;
 use rotorwatch::dsp::stft::StftStream;
+use rotorwatch::dsp::synthesis::SynthesisPlan;
 use rotorwatch::dsp::tacho::Edge;
 use rotorwatch::dsp::tacho::Threshold;
 use rotorwatch::dsp::tsa::TsaPlan;
@@ -102,6 +106,13 @@ fn time_domain<T: Real>(n: usize) {
 
     assert_no_allocation("moments", n, || {
         black_box(Moments::of(&x).kurtosis());
+    });
+    let mut history = MomentHistory::new(3);
+    assert_no_allocation("history of moments", n, || {
+        for block in x.chunks(n / 8) {
+            history.push(block);
+            black_box(history.moments().m8());
+        }
     });
     let mut values = x.clone();
     assert_no_allocation("median and mad", n, || {
@@ -245,6 +256,23 @@ fn frequency_domain<T: Real>(n: usize) {
         ScalogramPlan::new(n, FS_HZ, &f_hz, cwt::DEFAULT_OMEGA0, 100, &mut cache).unwrap();
     let mut out = zeros::<T>(picture.out_len());
     assert_no_allocation("scalogram", n, || picture.process(&x_hat, Part::Modulus, &mut out));
+    for rate in [Rate::Decimated, Rate::Full] {
+        let settings = cwt_bank::Settings {
+            fs_hz: FS_HZ,
+            omega0: cwt::DEFAULT_OMEGA0,
+            accuracy: Accuracy::Fine,
+            rate,
+        };
+        let mut bank = CwtPlan::new((n, n), &f_hz, &settings, &mut cache).unwrap();
+        let mut w = vec![Complex::new(T::default(), T::default()); bank.out_len()];
+        let mut parts = zeros::<T>(bank.out_len());
+        let mut rms = [0.0; 2];
+        assert_no_allocation("bank of scales", n, || {
+            bank.process(&x_hat, &mut w);
+            bank.process_part(&x_hat, Part::Real, &mut parts);
+            bank.rms(&x_hat, &mut rms);
+        });
+    }
 }
 
 /// Kernels of the revolution.

@@ -1,7 +1,7 @@
-//! What the program measures of itself: speed against error of the simulator, and its hard cases against
-//! what is known of them.
+//! What the program measures of itself: speed against error of the simulator and of the signal processing,
+//! the simulator's hard cases against what is known of them, and the whole pipeline.
 //!
-//! `simulator` and `stability` compute rows and hand each on as it is done; `table` and `plot` word
+//! `simulator`, `stability`, `signal` and `monitor` compute rows and hand each on as it is done; `table` and `plot` word
 //! them. `records` compares motions, `scenes` has what they are compared on; tests use both. Reads the processor's
 //! clock, writes no files. Must not know the command line.
 
@@ -12,6 +12,9 @@ pub mod scenes;
 pub mod records;
 pub mod simulator;
 pub mod stability;
+pub mod clock;
+pub mod signal;
+pub mod monitor;
 
 use crate::simulator::scene::SceneErrors;
 use crate::simulator::simulation::AdvanceError;

@@ -6,6 +6,8 @@ use super::simulate;
 use crate::bench;
 use crate::bench::BenchError;
 use crate::bench::computer::Computer;
+use crate::bench::monitor;
+use crate::bench::signal;
 use crate::bench::simulator::Effort;
 use crate::bench::stability::rows::Row;
 use crate::bench::table;
@@ -26,10 +28,14 @@ pub const EXAMPLES: &str = "\
 Examples:
   rotorwatch bench simulator --out figures
   rotorwatch bench stability
+  rotorwatch bench signal --out figures
+  rotorwatch bench monitor
 
 simulator: error and processor time of classes of scenes at several accuracies asked for (minutes).
 stability: the simulator's hard cases against what is known of them (a minute).
-With --out the tables are also written there as CSV and JSON, and simulator as a plot (SVG).
+signal: error and processor time of every transform in f32 and f64, and channels a core (a minute).
+monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory (a minute).
+With --out the tables are also written there as CSV and JSON, simulator and signal as a plot (SVG).
 docs/performance.md says what the columns mean.
 
 Exit codes: 0 done; 2 a row of stability does not hold, or a bench could not be run.";
@@ -43,6 +49,9 @@ pub struct Arguments {
     /// Folder for the tables, made if it is not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// One round of one job of `signal` in f32, as an object: for comparisons by turns.
+    #[arg(long, value_name = "NAME", hide = true)]
+    pub job: Option<String>,
     /// A small part, to see that it works.
     #[arg(long, hide = true)]
     pub quick: bool,
@@ -55,17 +64,17 @@ pub enum Bench {
     Simulator,
     /// Hard cases of the simulator.
     Stability,
-    /// Not yet.
+    /// Speed against error of the signal processing.
     Signal,
-    /// Not yet.
+    /// The whole pipeline.
     Monitor,
 }
 
 /// Why there is no result.
 #[derive(Debug, thiserror::Error)]
 enum Failure {
-    #[error("bench {0}: not yet; there are simulator and stability")]
-    NotYet(&'static str),
+    #[error("bench {bench}: there is no job {name}; there are: {}", bench::signal::names().join(", "))]
+    NoJob { bench: &'static str, name: String },
     #[error("{}: cannot be made", folder.display())]
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
@@ -87,11 +96,14 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 
 fn measure(arguments: &Arguments) -> Result<(), Failure> {
     let bench = match arguments.bench {
-        Bench::Simulator => simulator,
-        Bench::Stability => stability,
-        Bench::Signal => return Err(Failure::NotYet("signal")),
-        Bench::Monitor => return Err(Failure::NotYet("monitor")),
+        Bench::Simulator => bench_simulator,
+        Bench::Stability => bench_stability,
+        Bench::Signal => bench_signal,
+        Bench::Monitor => bench_monitor,
     };
+    if let Some(name) = &arguments.job {
+        return job(name, arguments);
+    }
     if let Some(folder) = &arguments.out {
         // Before minutes of work.
         let cannot = |source| Failure::Folder { folder: folder.clone(), source };
@@ -100,7 +112,7 @@ fn measure(arguments: &Arguments) -> Result<(), Failure> {
     bench(arguments.out.as_deref(), arguments.quick)
 }
 
-fn simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+fn bench_simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
     let effort = if quick { Effort::QUICK } else { Effort::WHOLE };
     let folder = tempfile::tempdir()
         .map_err(|source| Failure::Folder { folder: std::env::temp_dir(), source })?;
@@ -118,7 +130,7 @@ fn simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
     }
 }
 
-fn stability(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+fn bench_stability(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
     let n_cases = if quick { 2 } else { usize::MAX };
     let mut page = Page::begin(&Row::COLUMNS)?;
     let rows = bench::stability::run(n_cases, &mut |row| page.row(row))?;
@@ -126,6 +138,41 @@ fn stability(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
     page.write("stability", out, &json!({}), &cells)?;
     let n = rows.iter().filter(|row| !row.holds()).count();
     if n > 0 { Err(Failure::Missed { n, total: rows.len() }) } else { Ok(()) }
+}
+
+fn bench_signal(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+    let effort = if quick { signal::Effort::QUICK } else { signal::Effort::WHOLE };
+    let mut page = Page::begin(&signal::COLUMNS)?;
+    let rows = signal::run(&effort, &mut |row| page.row(row))?;
+    page.write("signal", out, &effort.json(), &rows)?;
+    match (out, signal::plot(&rows)) {
+        (Some(folder), Some(svg)) => file(&folder.join("signal.svg"), &svg),
+        (None, _) | (_, None) => Ok(()),
+    }
+}
+
+fn bench_monitor(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
+    let effort = if quick { monitor::Effort::QUICK } else { monitor::Effort::WHOLE };
+    let mut page = Page::begin(&monitor::COLUMNS)?;
+    let rows = monitor::run(&effort, &mut |row| page.row(row))?;
+    page.write("monitor", out, &effort.json(), &rows)
+}
+
+/// One round of one job of `signal`.
+fn job(name: &str, arguments: &Arguments) -> Result<(), Failure> {
+    let effort = if arguments.quick { signal::Effort::QUICK } else { signal::Effort::WHOLE };
+    let round = match arguments.bench {
+        Bench::Signal => signal::one_round(name, &effort),
+        Bench::Simulator | Bench::Stability | Bench::Monitor => None,
+    };
+    let bench = match arguments.bench {
+        Bench::Simulator => "simulator",
+        Bench::Stability => "stability",
+        Bench::Signal => "signal",
+        Bench::Monitor => "monitor",
+    };
+    let round = round.ok_or_else(|| Failure::NoJob { bench, name: name.to_owned() })?;
+    Ok(Output::open(None)?.write(&format!("{round}\n"))?)
 }
 
 /// Stdout, and what it shows.

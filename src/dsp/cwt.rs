@@ -6,13 +6,14 @@
 
 use std::f64::consts::TAU;
 use std::fmt;
+use std::ops::Range;
 
 use rustfft::num_complex::Complex;
-use rustfft::num_traits::Zero;
 
 use crate::dsp::fft;
 use crate::dsp::fft::BandInverse;
 use crate::dsp::fft::FftCache;
+use crate::dsp::inverse::Results;
 use crate::dsp::real::Real;
 use crate::dsp::real::ceil_index;
 use crate::dsp::real::floor_index;
@@ -20,8 +21,8 @@ use crate::dsp::real::floor_index;
 /// Centre frequency of the wavelet by default, rad: σ_t = 1/f.
 pub const DEFAULT_OMEGA0: f64 = TAU;
 
-/// Standard deviations of ψ̂ kept on either side: what is left out is below 3e-7 of a line.
-pub const SUPPORT_SIGMA: f64 = 5.3;
+/// Standard deviations of ψ̂ kept on either side: what is left out is below 1.6e-7 of a line.
+pub const SUPPORT_SIGMA: f64 = 5.6;
 
 /// Standard deviations σ_t that a valid coefficient keeps from either end of the record (1 %).
 pub const CONE_SIGMA: f64 = 2.25;
@@ -36,18 +37,55 @@ pub enum Part {
 }
 
 impl Part {
-    fn of<T: Real>(self, w: Complex<T>) -> T {
+    /// Writes this part of coefficients.
+    pub(in crate::dsp) fn of_results<T: Real>(self, results: &Results<'_, T>, out: &mut [T]) {
         match self {
-            Self::Modulus => w.norm_sqr().square_root(),
-            Self::Real => w.re.abs(),
+            Self::Modulus => results.map_to(out, |re, im| (re * re + im * im).square_root()),
+            Self::Real => results.map_to(out, |re, _| re.abs()),
         }
     }
+}
+
+/// Bins of the spectrum of `n` samples within `sigmas` standard deviations of ψ̂ at `f_hz`; `None`
+/// unless 0 < `f_hz` < fs/2, `omega0` > 0 and there is one.
+pub(in crate::dsp) fn support(
+    n: usize,
+    fs_hz: f64,
+    f_hz: f64,
+    omega0: f64,
+    sigmas: f64,
+) -> Option<Range<usize>> {
+    if !(n > 0 && omega0 > 0.0 && f_hz > 0.0 && f_hz < 0.5 * fs_hz) {
+        return None;
+    }
+    let bin_hz = fs_hz / n as f64;
+    let reach_hz = sigmas * f_hz / omega0;
+    let first = ceil_index((f_hz - reach_hz) / bin_hz).max(1);
+    let end = (floor_index((f_hz + reach_hz) / bin_hz) + 1).min(fft::n_bins(n));
+    (first < end).then_some(first..end)
+}
+
+/// Half of ψ̂ at bin k: an inverse doubles each bin for the analytic signal (Nyquist excepted).
+pub(in crate::dsp) fn gain(n: usize, fs_hz: f64, f_hz: f64, omega0: f64) -> impl Fn(usize) -> f64 {
+    let bin_hz = fs_hz / n as f64;
+    move |k| {
+        let sigmas = omega0 * (k as f64 * bin_hz / f_hz - 1.0);
+        (-0.5 * sigmas * sigmas).exp()
+    }
+}
+
+/// Coefficients at least [`CONE_SIGMA`]·σ_t from both ends of `n` coefficients every `step_s`.
+pub(in crate::dsp) fn outside_cone(n: usize, step_s: f64, sigma_t_s: f64) -> Range<usize> {
+    let margin = ceil_index(CONE_SIGMA * sigma_t_s / step_s);
+    let end = n.saturating_sub(margin.saturating_sub(1)).min(n);
+    if margin < end { margin..end } else { 0..0 }
 }
 
 /// Morlet transform at one frequency (D13).
 pub struct MorletPlan<T: Real> {
     inverse: BandInverse<T>,
-    w: Vec<Complex<T>>,
+    /// Room for a modulus a coefficient.
+    w: Vec<T>,
     fs_hz: f64,
     sigma_t_s: f64,
 }
@@ -64,7 +102,7 @@ impl<T: Real> MorletPlan<T> {
         omega0: f64,
         cache: &mut FftCache<T>,
     ) -> Option<Self> {
-        Self::with_length(n, fs_hz, f_hz, omega0, cache, fft::fast_len_at_least)
+        Self::with_length(n, fs_hz, f_hz, omega0, cache, fft::cheapest_inverse_len::<T>)
     }
 
     /// As [`Self::new`], with the output length chosen from the width of the support in bins.
@@ -76,25 +114,12 @@ impl<T: Real> MorletPlan<T> {
         cache: &mut FftCache<T>,
         length: impl Fn(usize) -> usize,
     ) -> Option<Self> {
-        if !(n > 0 && omega0 > 0.0 && f_hz > 0.0 && f_hz < 0.5 * fs_hz) {
-            return None;
-        }
-        let bin_hz = fs_hz / n as f64;
-        let reach_hz = SUPPORT_SIGMA * f_hz / omega0;
-        let first = ceil_index((f_hz - reach_hz) / bin_hz).max(1);
-        let end = (floor_index((f_hz + reach_hz) / bin_hz) + 1).min(fft::n_bins(n));
-        if first >= end {
-            return None;
-        }
-        // Half of 2e^(…): the inverse doubles each bin for the analytic signal (Nyquist excepted).
-        let gain = |k: usize| {
-            let sigmas = omega0 * (k as f64 * bin_hz / f_hz - 1.0);
-            (-0.5 * sigmas * sigmas).exp()
-        };
-        let length = length(end - first);
-        let inverse = BandInverse::new(n, first..end, length, cache, gain);
+        let bins = support(n, fs_hz, f_hz, omega0, SUPPORT_SIGMA)?;
+        let length = length(bins.len());
+        let gain = gain(n, fs_hz, f_hz, omega0);
+        let inverse = BandInverse::new(n, bins, length, cache, gain);
         let sigma_t_s = omega0 / (TAU * f_hz);
-        Some(Self { inverse, w: vec![Complex::zero(); length], fs_hz, sigma_t_s })
+        Some(Self { inverse, w: vec![T::zero(); length], fs_hz, sigma_t_s })
     }
 
     /// Coefficients per call.
@@ -117,10 +142,8 @@ impl<T: Real> MorletPlan<T> {
 
     /// Coefficients at least 2.25 σ_t from both ends of the record; empty if it is too short.
     #[must_use]
-    pub fn valid_range(&self) -> std::ops::Range<usize> {
-        let margin = ceil_index(CONE_SIGMA * self.sigma_t_s / self.step_s());
-        let end = self.out_len().saturating_sub(margin.saturating_sub(1)).min(self.out_len());
-        if margin < end { margin..end } else { 0..0 }
+    pub fn valid_range(&self) -> Range<usize> {
+        outside_cone(self.out_len(), self.step_s(), self.sigma_t_s)
     }
 
     /// Writes W at the times i·[`step_s`](Self::step_s) into `out`.
@@ -156,14 +179,12 @@ impl<T: Real> MorletPlan<T> {
         self.mean_over(x_hat, all).unwrap_or(0.0)
     }
 
-    fn mean_over(&mut self, x_hat: &[Complex<T>], range: std::ops::Range<usize>) -> Option<f64> {
+    fn mean_over(&mut self, x_hat: &[Complex<T>], range: Range<usize>) -> Option<f64> {
         if range.is_empty() {
             return None;
         }
-        self.inverse.process(x_hat, &mut self.w);
-        let valid = &self.w[range];
-        let sum: f64 = valid.iter().map(|w| Part::Modulus.of(*w).to_f64()).sum();
-        Some(sum / valid.len() as f64)
+        let n = range.len() as f64;
+        Some(self.inverse.results(x_hat).sum_of_moduli(range) / n)
     }
 }
 
@@ -213,7 +234,7 @@ impl<T: Real> ScalogramPlan<T> {
 
     /// Columns of row `row` that are valid (see [`MorletPlan::valid_range`]).
     #[must_use]
-    pub fn valid_columns(&self, row: usize) -> Option<std::ops::Range<usize>> {
+    pub fn valid_columns(&self, row: usize) -> Option<Range<usize>> {
         let plan = self.rows.get(row)?;
         let valid = plan.valid_range();
         let per_column = plan.out_len() / self.n_columns;
@@ -229,11 +250,11 @@ impl<T: Real> ScalogramPlan<T> {
     pub fn process(&mut self, x_hat: &[Complex<T>], part: Part, out: &mut [T]) {
         assert_eq!(out.len(), self.out_len(), "rows times columns");
         for (plan, out) in self.rows.iter_mut().zip(out.chunks_mut(self.n_columns)) {
-            plan.inverse.process(x_hat, &mut plan.w);
+            part.of_results(&plan.inverse.results(x_hat), &mut plan.w);
             let per_column = plan.w.len() / self.n_columns;
             for (value, share) in out.iter_mut().zip(plan.w.chunks(per_column)) {
                 let larger = |a: T, b: T| if b > a { b } else { a };
-                *value = share.iter().map(|w| part.of(*w)).fold(T::zero(), larger);
+                *value = share.iter().copied().fold(T::zero(), larger);
             }
         }
     }
@@ -241,6 +262,8 @@ impl<T: Real> ScalogramPlan<T> {
 
 #[cfg(test)]
 mod tests {
+    use rustfft::num_traits::Zero;
+
     use super::*;
     use crate::dsp::fft::ForwardPlan;
     use crate::dsp::reference::gaussian_noise;

@@ -7,7 +7,6 @@
 use std::ops::Range;
 
 use rustfft::num_complex::Complex;
-use rustfft::num_traits::Zero;
 
 use crate::dsp::fft;
 use crate::dsp::fft::BandInverse;
@@ -24,7 +23,6 @@ use crate::dsp::spectrum::AmplitudePlan;
 #[derive(Debug)]
 pub struct SquaredEnvelopePlan<T: Real> {
     inverse: BandInverse<T>,
-    z: Vec<Complex<T>>,
 }
 
 impl<T: Real> SquaredEnvelopePlan<T> {
@@ -35,15 +33,14 @@ impl<T: Real> SquaredEnvelopePlan<T> {
     /// If the band is empty or reaches above ⌊n/2⌋ + 1.
     #[must_use]
     pub fn new(n: usize, band_bins: Range<usize>, cache: &mut FftCache<T>) -> Self {
-        let length = fft::fast_len_at_least(2 * band_bins.len());
-        let inverse = BandInverse::new(n, band_bins, length, cache, |_| 1.0);
-        Self { inverse, z: vec![Complex::zero(); length] }
+        let length = fft::cheapest_inverse_len::<T>(2 * band_bins.len());
+        Self { inverse: BandInverse::new(n, band_bins, length, cache, |_| 1.0) }
     }
 
     /// Samples of e² per call.
     #[must_use]
     pub fn out_len(&self) -> usize {
-        self.z.len()
+        self.inverse.out_len()
     }
 
     /// Rate of e² for input at `fs_hz`, Hz: fs·L/n.
@@ -62,10 +59,7 @@ impl<T: Real> SquaredEnvelopePlan<T> {
     /// If a slice does not have the plan's length.
     pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [T]) {
         assert_eq!(out.len(), self.out_len(), "output of the plan");
-        self.inverse.process(x_hat, &mut self.z);
-        for (e2, z) in out.iter_mut().zip(&self.z) {
-            *e2 = z.norm_sqr();
-        }
+        self.inverse.results(x_hat).map_to(out, |re, im| re * re + im * im);
     }
 }
 
@@ -137,6 +131,8 @@ impl<T: Real> EnvelopeSpectrumPlan<T> {
 #[cfg(test)]
 mod tests {
     use std::f64::consts::TAU;
+
+    use rustfft::num_traits::Zero;
 
     use super::*;
     use crate::dsp::fft::ForwardPlan;

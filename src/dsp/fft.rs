@@ -3,18 +3,29 @@
 //! A spectrum `x_hat` is always the unnormalised one-sided DFT of n real samples with their mean
 //! removed: `X_k = Σ (x[i] − x̄) e^(−j2πki/n)`, k = 0…⌊n/2⌋ (D5). Must not know what a bin stands for.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
+use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use realfft::RealFftPlanner;
 use realfft::RealToComplex;
 use rustfft::Fft;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
-use rustfft::num_traits::Zero;
 
+use crate::dsp::forward::RealTransform;
+use crate::dsp::grid;
+use crate::dsp::grid::Grid;
+use crate::dsp::grid::GridPlan;
+use crate::dsp::inverse::Inverse;
+use crate::dsp::inverse::Results;
+use crate::dsp::inverse::Workspace;
 use crate::dsp::real::Real;
+use crate::dsp::split::Split;
 use crate::dsp::stats;
 
 /// Twiddle factors by length, shared by all plans made from it.
@@ -23,13 +34,24 @@ use crate::dsp::stats;
 pub struct FftCache<T: Real> {
     real: RealFftPlanner<T>,
     complex: FftPlanner<T>,
+    grids: BTreeMap<usize, Arc<GridPlan<T>>>,
 }
 
 impl<T: Real> FftCache<T> {
     /// Makes an empty cache.
     #[must_use]
     pub fn new() -> Self {
-        Self { real: RealFftPlanner::new(), complex: FftPlanner::new() }
+        Self { real: RealFftPlanner::new(), complex: FftPlanner::new(), grids: BTreeMap::new() }
+    }
+
+    /// Tables of the grid of `n` points, if it has one.
+    pub(in crate::dsp) fn grid(&mut self, n: usize) -> Option<Arc<GridPlan<T>>> {
+        if let Some(plan) = self.grids.get(&n) {
+            return Some(Arc::clone(plan));
+        }
+        let plan = Arc::new(GridPlan::new(n)?);
+        self.grids.insert(n, Arc::clone(&plan));
+        Some(plan)
     }
 
     pub(in crate::dsp) fn real_forward(&mut self, n: usize) -> Arc<dyn RealToComplex<T>> {
@@ -84,13 +106,19 @@ fn is_fast(mut length: usize) -> bool {
     length == 1
 }
 
+/// Cheapest length ≥ `n` of an inverse transform, the same on every processor.
+pub(in crate::dsp) fn cheapest_inverse_len<T: Real>(n: usize) -> usize {
+    grid::cheapest_length::<T>(n).unwrap_or_else(|| fast_len_at_least(n))
+}
+
 /// Forward transform of `n` real samples, mean removed in f64 (D5).
 ///
 /// Its result feeds the envelope, whitening and Morlet plans of the same `n`.
+#[derive(Debug)]
 pub struct ForwardPlan<T: Real> {
-    plan: Arc<dyn RealToComplex<T>>,
-    input: Vec<T>,
-    scratch: Vec<Complex<T>>,
+    transform: RealTransform<T>,
+    /// Samples per call; the rest is padding.
+    n: usize,
 }
 
 impl<T: Real> ForwardPlan<T> {
@@ -101,38 +129,45 @@ impl<T: Real> ForwardPlan<T> {
     /// If `n` is 0.
     #[must_use]
     pub fn new(n: usize, cache: &mut FftCache<T>) -> Self {
-        assert!(n > 0, "a transform needs at least one sample");
-        let plan = cache.real_forward(n);
-        let scratch = plan.make_scratch_vec();
-        Self { plan, input: vec![T::zero(); n], scratch }
+        Self::new_padded(n, n, cache)
     }
 
-    /// Samples per call.
+    /// Plans for `n` samples followed by zeros up to `n_padded`.
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0 or `n_padded` < `n`.
+    #[must_use]
+    pub fn new_padded(n: usize, n_padded: usize, cache: &mut FftCache<T>) -> Self {
+        assert!(n > 0, "a transform needs at least one sample");
+        assert!(n_padded >= n, "padding makes a record longer");
+        Self { transform: RealTransform::new(n_padded, cache), n }
+    }
+
+    /// Samples transformed, padding included.
     #[must_use]
     pub fn n_samples(&self) -> usize {
-        self.input.len()
+        self.transform.n_samples()
     }
 
-    /// Bins written per call: ⌊n/2⌋ + 1.
+    /// Bins written per call: ⌊n_padded/2⌋ + 1.
     #[must_use]
     pub fn n_bins(&self) -> usize {
-        n_bins(self.input.len())
+        n_bins(self.n_samples())
     }
 
     /// Writes the unnormalised spectrum of `x` minus its mean into `x_hat` and returns the mean.
     ///
-    /// `x`: n samples, unit u. `x_hat`: ⌊n/2⌋ + 1 bins, u; bin k at k·fs/n.
+    /// `x`: n samples, unit u. `x_hat`: ⌊n_padded/2⌋ + 1 bins, u; bin k at k·fs/n_padded.
     ///
     /// # Panics
     ///
     /// If a slice does not have the plan's length.
     pub fn process(&mut self, x: &[T], x_hat: &mut [Complex<T>]) -> f64 {
-        assert_eq!(x.len(), self.input.len(), "samples of the plan");
+        assert_eq!(x.len(), self.n, "samples of the plan");
+        assert_eq!(x_hat.len(), self.n_bins(), "bins of the plan");
         let mean = stats::mean(x).unwrap_or(0.0);
-        for (input, value) in self.input.iter_mut().zip(x) {
-            *input = T::rounded(value.to_f64() - mean);
-        }
-        self.transform(x_hat);
+        self.transform.process(x, mean, None).copy_to(x_hat);
         mean
     }
 
@@ -143,27 +178,161 @@ impl<T: Real> ForwardPlan<T> {
         weights: &[T],
         x_hat: &mut [Complex<T>],
     ) -> f64 {
-        assert_eq!(x.len(), weights.len(), "samples of the window");
-        let mean = stats::mean(x).unwrap_or(0.0);
-        let (signal, padding) = self.input.split_at_mut(x.len());
-        for ((input, value), weight) in signal.iter_mut().zip(x).zip(weights) {
-            *input = T::rounded(value.to_f64() - mean) * *weight;
-        }
-        padding.fill(T::zero());
-        self.transform(x_hat);
+        assert_eq!(x_hat.len(), self.n_bins(), "bins of the plan");
+        let (list, mean) = self.process_split(x, weights);
+        list.copy_to(x_hat);
         mean
     }
 
-    fn transform(&mut self, x_hat: &mut [Complex<T>]) {
-        assert_eq!(x_hat.len(), self.n_bins(), "bins of the plan");
-        let done = self.plan.process_with_scratch(&mut self.input, x_hat, &mut self.scratch);
-        debug_assert!(done.is_ok(), "lengths were checked");
+    /// As [`Self::process_weighted`], the result as it comes.
+    pub(in crate::dsp) fn process_split(&mut self, x: &[T], weights: &[T]) -> (&Split<T>, f64) {
+        assert_eq!(x.len(), weights.len(), "samples of the window");
+        let mean = stats::mean(x).unwrap_or(0.0);
+        (self.transform.process(x, mean, Some(weights)), mean)
     }
 }
 
-impl<T: Real> fmt::Debug for ForwardPlan<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ForwardPlan").field("n", &self.input.len()).finish_non_exhaustive()
+/// Bins of a one-sided spectrum with a weight each, and where they stand in an inverse transform (D6).
+#[derive(Debug)]
+pub(in crate::dsp) struct Band<T> {
+    bins: Range<usize>,
+    gains: Vec<T>,
+}
+
+impl<T: Real> Band<T> {
+    /// The bins `bins` of a spectrum of `n` samples with `gain(k)`.
+    ///
+    /// The analytic factor and 1/n are added here: 2/n, and 1/n at DC and at an even n's Nyquist.
+    pub(in crate::dsp) fn new(n: usize, bins: Range<usize>, gain: impl Fn(usize) -> f64) -> Self {
+        assert!(bins.start < bins.end && bins.end <= n_bins(n), "a band inside the spectrum");
+        let analytic = |k: usize| if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
+        let gains =
+            bins.clone().map(|k| T::rounded(gain(k) * analytic(k) / n as f64)).collect::<Vec<_>>();
+        Self { bins, gains }
+    }
+
+    /// Puts weighted bins where an inverse of `length` has them, and zeros elsewhere.
+    pub(in crate::dsp) fn lay_out(&self, x_hat: &[Complex<T>], length: usize, grid: &mut Grid<T>) {
+        let x = &x_hat[self.bins.clone()];
+        let (first, n_before) = self.places(length, grid);
+        let (before, behind) = self.gains.split_at(n_before);
+        let places = first..first + n_before;
+        let (re, im) = (&mut grid.re[places.clone()], &mut grid.im[places]);
+        let arch = Arch::new();
+        arch.dispatch(Weigh { x: &x[..n_before], gains: before, re, im });
+        let places = ..x.len() - n_before;
+        let (re, im) = (&mut grid.re[places], &mut grid.im[places]);
+        arch.dispatch(Weigh { x: &x[n_before..], gains: behind, re, im });
+    }
+
+    /// As [`Self::lay_out`], from lists of real and imaginary parts.
+    pub(in crate::dsp) fn lay_out_split(&self, x: &Split<T>, length: usize, grid: &mut Grid<T>) {
+        let (x_re, x_im) = (&x.re[self.bins.clone()], &x.im[self.bins.clone()]);
+        let (first, n_before) = self.places(length, grid);
+        let (before, behind) = self.gains.split_at(n_before);
+        let places = first..first + n_before;
+        let rest = ..x_re.len() - n_before;
+        let arch = Arch::new();
+        for (x, list) in [(x_re, &mut grid.re), (x_im, &mut grid.im)] {
+            let to = &mut list[places.clone()];
+            arch.dispatch(Product { a: &x[..n_before], b: before, to });
+            let to = &mut list[rest];
+            arch.dispatch(Product { a: &x[n_before..], b: behind, to });
+        }
+    }
+
+    /// First place of the band, and how many of its bins stand from there to the end; the others
+    /// stand at the beginning. Clears the places between.
+    fn places(&self, length: usize, grid: &mut Grid<T>) -> (usize, usize) {
+        let (first, n) = (self.bins.start % length, self.bins.len());
+        let n_before = n.min(length - first);
+        for list in [&mut grid.re, &mut grid.im] {
+            list[first + n_before..length].fill(T::zero());
+            list[n - n_before..first].fill(T::zero());
+        }
+        (first, n_before)
+    }
+
+    /// Σ |gain·X|² over the band: the mean of the squared modulus of its inverse.
+    pub(in crate::dsp) fn power(&self, x: &Split<T>) -> f64 {
+        let (re, im) = (&x.re[self.bins.clone()], &x.im[self.bins.clone()]);
+        Arch::new().dispatch(Power { re, im, gains: &self.gains })
+    }
+}
+
+struct Weigh<'a, T> {
+    x: &'a [Complex<T>],
+    gains: &'a [T],
+    re: &'a mut [T],
+    im: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Weigh<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.x.len();
+        let (gains, re, im) = (&self.gains[..n], &mut self.re[..n], &mut self.im[..n]);
+        for i in 0..n {
+            (re[i], im[i]) = (self.x[i].re * gains[i], self.x[i].im * gains[i]);
+        }
+    }
+}
+
+struct Product<'a, T> {
+    a: &'a [T],
+    b: &'a [T],
+    to: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Product<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.to.len();
+        let (a, b) = (&self.a[..n], &self.b[..n]);
+        for i in 0..n {
+            self.to[i] = a[i] * b[i];
+        }
+    }
+}
+
+struct Power<'a, T> {
+    re: &'a [T],
+    im: &'a [T],
+    gains: &'a [T],
+}
+
+impl<T: Real> WithSimd for Power<'_, T> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        const LANES: usize = 16;
+        // 32 sums side by side of as many numbers, then f64.
+        const BLOCK: usize = 32 * LANES;
+        let mut sum = 0.0;
+        let lists = self.re.chunks(BLOCK).zip(self.im.chunks(BLOCK));
+        for ((re, im), gains) in lists.zip(self.gains.chunks(BLOCK)) {
+            let mut lanes = [T::zero(); LANES];
+            let (re, re_rest) = re.as_chunks::<LANES>();
+            let (im, im_rest) = im.as_chunks::<LANES>();
+            let (gains, gains_rest) = gains.as_chunks::<LANES>();
+            for ((re, im), gains) in re.iter().zip(im).zip(gains) {
+                for i in 0..LANES {
+                    lanes[i] += (re[i] * re[i] + im[i] * im[i]) * (gains[i] * gains[i]);
+                }
+            }
+            for ((re, im), gain) in re_rest.iter().zip(im_rest).zip(gains_rest) {
+                lanes[0] += (*re * *re + *im * *im) * (*gain * *gain);
+            }
+            for lane in lanes {
+                sum += lane.to_f64();
+            }
+        }
+        sum
     }
 }
 
@@ -171,12 +340,12 @@ impl<T: Real> fmt::Debug for ForwardPlan<T> {
 ///
 /// Bin k goes to place k mod L, so the result is the band's analytic signal itself (not shifted in
 /// frequency), sampled every n/L input samples. Exact as long as the band is at most L bins wide.
+#[derive(Debug)]
 pub(in crate::dsp) struct BandInverse<T: Real> {
     n: usize,
-    bins: Range<usize>,
-    gains: Vec<T>,
-    plan: Arc<dyn Fft<T>>,
-    scratch: Vec<Complex<T>>,
+    band: Band<T>,
+    inverse: Inverse<T>,
+    workspace: Workspace<T>,
 }
 
 impl<T: Real> BandInverse<T> {
@@ -190,18 +359,14 @@ impl<T: Real> BandInverse<T> {
         cache: &mut FftCache<T>,
         gain: impl Fn(usize) -> f64,
     ) -> Self {
-        assert!(bins.start < bins.end && bins.end <= n_bins(n), "a band inside the spectrum");
         assert!(length >= bins.len(), "an inverse no shorter than the band");
-        let analytic = |k: usize| if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
-        let gains =
-            bins.clone().map(|k| T::rounded(gain(k) * analytic(k) / n as f64)).collect::<Vec<_>>();
-        let plan = cache.complex_inverse(length);
-        let scratch = vec![Complex::zero(); plan.get_inplace_scratch_len()];
-        Self { n, bins, gains, plan, scratch }
+        let inverse = Inverse::new(length, cache);
+        let workspace = Workspace::new(std::iter::once(&inverse));
+        Self { n, band: Band::new(n, bins, gain), inverse, workspace }
     }
 
     pub(in crate::dsp) fn out_len(&self) -> usize {
-        self.plan.len()
+        self.inverse.len()
     }
 
     pub(in crate::dsp) fn n_samples(&self) -> usize {
@@ -209,30 +374,22 @@ impl<T: Real> BandInverse<T> {
     }
 
     pub(in crate::dsp) fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Complex<T>]) {
-        assert_eq!(x_hat.len(), n_bins(self.n), "bins of the plan");
         assert_eq!(out.len(), self.out_len(), "output of the plan");
-        out.fill(Complex::zero());
-        let mut place = self.bins.start % out.len();
-        for (value, gain) in x_hat[self.bins.clone()].iter().zip(&self.gains) {
-            out[place] = value.scale(*gain);
-            place = if place + 1 == out.len() { 0 } else { place + 1 };
-        }
-        self.plan.process_with_scratch(out, &mut self.scratch);
+        self.results(x_hat).copy_to(out);
     }
-}
 
-impl<T: Real> fmt::Debug for BandInverse<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("BandInverse")
-            .field("n", &self.n)
-            .field("bins", &self.bins)
-            .field("out_len", &self.out_len())
-            .finish_non_exhaustive()
+    /// The inverse, to be made something of.
+    pub(in crate::dsp) fn results(&mut self, x_hat: &[Complex<T>]) -> Results<'_, T> {
+        assert_eq!(x_hat.len(), n_bins(self.n), "bins of the plan");
+        self.band.lay_out(x_hat, self.inverse.len(), &mut self.workspace.grid);
+        self.inverse.run(&mut self.workspace)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use rustfft::num_traits::Zero;
+
     use super::*;
     use crate::dsp::reference::dft_of_real;
     use crate::dsp::reference::gaussian_noise;

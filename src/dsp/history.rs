@@ -40,13 +40,16 @@ impl EnergyHistory {
     /// Takes in one record and returns its kurtosis against all records and against the accepted ones.
     fn push(&mut self, record: &Moments) -> (Option<f64>, Option<f64>) {
         let n = record.n as f64;
+        // A record without variance has no fourth moment either.
+        let variance = record.variance().unwrap_or(0.0);
+        let (energy, kurtosis) = (n * variance, record.kurtosis().unwrap_or(0.0));
         self.n_records += 1;
-        self.mean_energy += (record.m2 - self.mean_energy) / self.n_records as f64;
-        self.offer(record.m2 / n);
-        let against = |energy: f64| {
-            // By the ratio first: fourth powers may underflow where the ratio does not.
-            let scale = energy * energy;
-            (scale > 0.0).then(|| n * record.m4 / scale).filter(|value| value.is_finite())
+        self.mean_energy += (energy - self.mean_energy) / self.n_records as f64;
+        self.offer(variance);
+        let against = |reference: f64| {
+            // By the ratio: fourth powers may underflow where the ratio does not.
+            let ratio = energy / reference;
+            (reference > 0.0).then(|| kurtosis * ratio * ratio).filter(|value| value.is_finite())
         };
         (against(self.mean_energy), against(n * self.mean_variance))
     }

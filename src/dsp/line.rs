@@ -6,6 +6,9 @@
 
 use std::f64::consts::TAU;
 
+use pulp::Arch;
+use pulp::Simd;
+use pulp::WithSimd;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
 
@@ -15,11 +18,14 @@ use crate::dsp::stats;
 /// Periods a record must hold, and bins a line must stay below Nyquist, to be read at all.
 pub const MIN_PERIODS: f64 = 3.0;
 
-/// Samples rotated with one table; each block is seeded anew, so phases do not drift.
+/// Samples rotated with one table.
 const BLOCK: usize = 256;
 
-/// Lines fitted in one pass over the samples: their tables stay in the first-level cache.
-const BATCH: usize = 4;
+/// Lines fitted in one pass over the samples: their tables stay in the first-level cache. A multiple of 4.
+const BATCH: usize = 12;
+
+/// Blocks after which sums go on in f64 and phases begin anew, so that neither drifts.
+const FLUSH: usize = 16;
 
 /// A spectral line A·cos(2πft − φ), t = 0 at the first sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,31 +79,199 @@ fn is_readable(cycles_per_sample: f64, n: usize) -> bool {
 
 fn read_batch<T: Real>(x: &[T], mean: f64, cycles: &[f64], lines: &mut [Option<Line>]) {
     let n = x.len();
-    let mut tables = [[Complex::zero(); BLOCK]; BATCH];
-    for (table, cycles) in tables.iter_mut().zip(cycles) {
-        fill_rotation(*cycles, table);
+    let mut read = Sums { constant: 0.0, lines: [Complex::zero(); BATCH] };
+    Arch::new().dispatch(Read { x, mean, cycles, sums: &mut read });
+    for ((line, cycles), sum) in lines.iter_mut().zip(cycles).zip(&read.lines) {
+        let solved = || solve(*sum, read.constant, *cycles, n);
+        *line = is_readable(*cycles, n).then(solved).flatten();
     }
-    let mut window_table = [Complex::zero(); BLOCK];
-    fill_rotation(1.0 / n as f64, &mut window_table);
+}
 
-    let mut weighted = [0.0; BLOCK];
-    let mut constant = 0.0;
-    let mut sums = [Complex::zero(); BATCH];
-    for (block_index, block) in x.chunks(BLOCK).enumerate() {
-        let start = (block_index * BLOCK) as f64;
-        let window_seed = rotation(start / n as f64);
-        for ((weighted, value), step) in weighted.iter_mut().zip(block).zip(&window_table) {
-            let cosine = window_seed.re * step.re - window_seed.im * step.im;
-            *weighted = (0.5 - 0.5 * cosine) * (value.to_f64() - mean);
+/// Sums of D9: of the weighted samples, and with the phasor of each line.
+struct Sums {
+    constant: f64,
+    lines: [Complex<f64>; BATCH],
+}
+
+struct Read<'a, T> {
+    x: &'a [T],
+    mean: f64,
+    cycles: &'a [f64],
+    sums: &'a mut Sums,
+}
+
+/// Cosines and negative sines of one block.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Table<T> {
+    re: [T; BLOCK],
+    im: [T; BLOCK],
+}
+
+/// Numbers in the widest vector.
+const LANES: usize = 16;
+
+/// Sums in T of some blocks, lanes side by side.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Partial<T> {
+    re: [T; LANES],
+    im: [T; LANES],
+}
+
+impl<T: Real> WithSimd for Read<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { x, mean, cycles, sums } = self;
+        let n = x.len();
+        let zero = T::zero();
+        let mut tables = [Table { re: [zero; BLOCK], im: [zero; BLOCK] }; BATCH];
+        for (table, cycles) in tables.iter_mut().zip(cycles) {
+            fill_rotation(*cycles, table);
         }
-        weighted[block.len()..].fill(0.0);
-        constant += weighted.iter().sum::<f64>();
-        for ((sum, cycles), table) in sums.iter_mut().zip(cycles).zip(&tables) {
-            *sum += rotation(cycles * start) * dot(&weighted, table);
+        let mut window = Table { re: [zero; BLOCK], im: [zero; BLOCK] };
+        fill_rotation(1.0 / n as f64, &mut window);
+        let high = T::rounded(mean);
+        let low = T::rounded(mean - high.to_f64());
+        // The last place is that of the window.
+        let mut turns = [Turn::default(); BATCH + 1];
+        for (turn, cycles) in turns.iter_mut().zip(cycles) {
+            *turn = Turn::new(*cycles);
+        }
+        turns[BATCH] = Turn::new(1.0 / n as f64);
+        let mut partials = [Partial { re: [zero; LANES], im: [zero; LANES] }; BATCH];
+        let mut weighted = Table { re: [zero; BLOCK], im: [zero; BLOCK] };
+        for (index, block) in x.chunks(BLOCK).enumerate() {
+            for turn in &mut turns {
+                turn.go_to(index);
+            }
+            let seed = turns[BATCH].at;
+            let (seed_re, seed_im) = (T::rounded(0.5 * seed.re), T::rounded(0.5 * seed.im));
+            let half = T::rounded(0.5);
+            let weigh = &mut weighted.re[..block.len()];
+            let (w_re, w_im) = (&window.re[..block.len()], &window.im[..block.len()]);
+            for i in 0..block.len() {
+                let half_cosine = seed_re * w_re[i] - seed_im * w_im[i];
+                weigh[i] = (half - half_cosine) * (block[i] - high - low);
+            }
+            weighted.re[block.len()..].fill(zero);
+            sums.constant += sum_of(&weighted.re);
+            let lists = tables.chunks_exact(4).zip(partials.chunks_exact_mut(4));
+            let lists = lists.zip(turns.chunks_exact(4)).take(cycles.len().div_ceil(4));
+            for ((tables, partials), turns) in lists {
+                four_lines(simd, &weighted.re, tables, turns, partials);
+            }
+            if index % FLUSH == FLUSH - 1 {
+                flush(&mut partials, &mut sums.lines);
+            }
+        }
+        flush(&mut partials, &mut sums.lines);
+    }
+}
+
+/// Moves sums in T to those in f64.
+#[inline(always)]
+fn flush<T: Real>(partials: &mut [Partial<T>; BATCH], sums: &mut [Complex<f64>; BATCH]) {
+    for (partial, sum) in partials.iter_mut().zip(sums) {
+        for (re, im) in partial.re.iter().zip(&partial.im) {
+            *sum += Complex::new(re.to_f64(), im.to_f64());
+        }
+        *partial = Partial { re: [T::zero(); LANES], im: [T::zero(); LANES] };
+    }
+}
+
+#[inline(always)]
+fn sum_of<T: Real>(values: &[T; BLOCK]) -> f64 {
+    let mut lanes = [T::zero(); LANES];
+    let (chunks, _) = values.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            lanes[i] += chunk[i];
         }
     }
-    for ((line, cycles), sum) in lines.iter_mut().zip(cycles).zip(&sums) {
-        *line = is_readable(*cycles, n).then(|| solve(*sum, constant, *cycles, n)).flatten();
+    let mut sum = 0.0;
+    for lane in lanes {
+        sum += lane.to_f64();
+    }
+    sum
+}
+
+/// Adds a block's phasor sums of four lines, each turned to the block's place. Eight sums side by
+/// side keep both multipliers busy.
+#[inline(always)]
+fn four_lines<T: Real, S: Simd>(
+    simd: S,
+    weighted: &[T; BLOCK],
+    tables: &[Table<T>],
+    turns: &[Turn],
+    partials: &mut [Partial<T>],
+) {
+    let [a, b, c, d] = [&tables[0], &tables[1], &tables[2], &tables[3]];
+    let zero = T::splat(simd, T::zero());
+    let (mut a_re, mut a_im, mut b_re, mut b_im) = (zero, zero, zero, zero);
+    let (mut c_re, mut c_im, mut d_re, mut d_im) = (zero, zero, zero, zero);
+    let values = T::vectors::<S>(weighted);
+    let n = values.len();
+    let (at_re, at_im) = (&T::vectors::<S>(&a.re)[..n], &T::vectors::<S>(&a.im)[..n]);
+    let (bt_re, bt_im) = (&T::vectors::<S>(&b.re)[..n], &T::vectors::<S>(&b.im)[..n]);
+    let (ct_re, ct_im) = (&T::vectors::<S>(&c.re)[..n], &T::vectors::<S>(&c.im)[..n]);
+    let (dt_re, dt_im) = (&T::vectors::<S>(&d.re)[..n], &T::vectors::<S>(&d.im)[..n]);
+    for i in 0..n {
+        let x = values[i];
+        a_re = T::times_plus(simd, x, at_re[i], a_re);
+        a_im = T::times_plus(simd, x, at_im[i], a_im);
+        b_re = T::times_plus(simd, x, bt_re[i], b_re);
+        b_im = T::times_plus(simd, x, bt_im[i], b_im);
+        c_re = T::times_plus(simd, x, ct_re[i], c_re);
+        c_im = T::times_plus(simd, x, ct_im[i], c_im);
+        d_re = T::times_plus(simd, x, dt_re[i], d_re);
+        d_im = T::times_plus(simd, x, dt_im[i], d_im);
+    }
+    add_turned(simd, [a_re, a_im], &turns[0], &mut partials[0]);
+    add_turned(simd, [b_re, b_im], &turns[1], &mut partials[1]);
+    add_turned(simd, [c_re, c_im], &turns[2], &mut partials[2]);
+    add_turned(simd, [d_re, d_im], &turns[3], &mut partials[3]);
+}
+
+#[inline(always)]
+fn add_turned<T: Real, S: Simd>(
+    simd: S,
+    [re, im]: [T::Vector<S>; 2],
+    turn: &Turn,
+    to: &mut Partial<T>,
+) {
+    let cos = T::splat(simd, T::rounded(turn.at.re));
+    let sin = T::splat(simd, T::rounded(turn.at.im));
+    let to_re = &mut T::vectors_mut::<S>(&mut to.re)[0];
+    *to_re = T::less_times(simd, T::times_plus(simd, re, cos, *to_re), im, sin);
+    let to_im = &mut T::vectors_mut::<S>(&mut to.im)[0];
+    *to_im = T::times_plus(simd, im, cos, T::times_plus(simd, re, sin, *to_im));
+}
+
+/// Rotation at the beginning of a block: exact every so many blocks, turned on by a step in between.
+#[derive(Debug, Clone, Copy, Default)]
+struct Turn {
+    cycles: f64,
+    step: Complex<f64>,
+    at: Complex<f64>,
+}
+
+impl Turn {
+    fn new(cycles: f64) -> Self {
+        let step = rotation(cycles * BLOCK as f64);
+        Self { cycles, step, at: Complex::new(1.0, 0.0) }
+    }
+
+    /// To the next block.
+    #[inline(always)]
+    fn go_to(&mut self, index: usize) {
+        self.at = if index.is_multiple_of(FLUSH) {
+            rotation(self.cycles * (index * BLOCK) as f64)
+        } else {
+            self.at * self.step
+        };
     }
 }
 
@@ -140,33 +314,26 @@ fn rotation(cycles: f64) -> Complex<f64> {
     Complex::new(cos, -sin)
 }
 
-/// Fills e^(−j2πci): 16 exact seeds, each rotated by 16 exact steps.
-fn fill_rotation(cycles: f64, table: &mut [Complex<f64>; BLOCK]) {
-    const RUN: usize = 16;
-    let mut steps = [Complex::zero(); RUN];
-    for (i, step) in steps.iter_mut().enumerate() {
-        *step = rotation(cycles * i as f64);
-    }
-    for (run, chunk) in table.chunks_mut(RUN).enumerate() {
-        let seed = rotation(cycles * (run * RUN) as f64);
-        for (value, step) in chunk.iter_mut().zip(&steps) {
-            *value = seed * step;
+/// Fills e^(−j2πci), doubling what is filled: eight products in f64 at most.
+#[inline(always)]
+fn fill_rotation<T: Real>(cycles: f64, table: &mut Table<T>) {
+    let (mut re, mut im) = ([0.0; BLOCK], [0.0; BLOCK]);
+    re[0] = 1.0;
+    let mut filled = 1;
+    while filled < BLOCK {
+        let step = rotation(cycles * filled as f64);
+        let (from_re, to_re) = re.split_at_mut(filled);
+        let (from_im, to_im) = im.split_at_mut(filled);
+        let (to_re, to_im) = (&mut to_re[..filled], &mut to_im[..filled]);
+        for i in 0..filled {
+            to_re[i] = from_re[i] * step.re - from_im[i] * step.im;
+            to_im[i] = from_re[i] * step.im + from_im[i] * step.re;
         }
+        filled *= 2;
     }
-}
-
-fn dot(weighted: &[f64; BLOCK], table: &[Complex<f64>; BLOCK]) -> Complex<f64> {
-    const LANES: usize = 4;
-    let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
-    let (weighted, _) = weighted.as_chunks::<LANES>();
-    let (table, _) = table.as_chunks::<LANES>();
-    for (weighted, table) in weighted.iter().zip(table) {
-        for lane in 0..LANES {
-            re[lane] += weighted[lane] * table[lane].re;
-            im[lane] += weighted[lane] * table[lane].im;
-        }
+    for i in 0..BLOCK {
+        (table.re[i], table.im[i]) = (T::rounded(re[i]), T::rounded(im[i]));
     }
-    Complex::new(re.iter().sum(), im.iter().sum())
 }
 
 #[cfg(test)]

@@ -14,8 +14,15 @@
 //! Must not know machines, sensors, baselines or thresholds: only rates, frequencies and lengths.
 
 pub mod real;
+mod lanes;
+pub mod moments;
 pub mod stats;
 pub mod window;
+mod butterfly;
+mod grid;
+mod split;
+mod inverse;
+mod forward;
 pub mod fft;
 mod length;
 pub mod spectrum;
@@ -38,6 +45,7 @@ pub mod drs;
 pub mod integrate;
 pub mod cwt;
 pub mod sample_check;
+pub mod cwt_bank;
 pub mod tacho;
 mod hermite;
 pub mod order;

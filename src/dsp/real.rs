@@ -7,6 +7,8 @@ use std::ops::{AddAssign, MulAssign, SubAssign};
 
 use rustfft::FftNum;
 
+use crate::dsp::lanes::Lanes;
+
 mod sealed {
     pub trait Sealed {}
     impl Sealed for f32 {}
@@ -18,7 +20,7 @@ mod sealed {
 /// Sums, gains, phases and time are f64 in every kernel; `Self` is what samples and spectra are
 /// stored in.
 pub trait Real:
-    sealed::Sealed + FftNum + Default + PartialOrd + AddAssign + SubAssign + MulAssign
+    sealed::Sealed + Lanes + FftNum + Default + PartialOrd + AddAssign + SubAssign + MulAssign
 {
     /// Distance from 1 to the next number.
     const EPSILON: f64;

@@ -11,6 +11,7 @@ use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::fft::ForwardPlan;
 use crate::dsp::real::Real;
+use crate::dsp::split::Split;
 use crate::dsp::window::Shape;
 use crate::dsp::window::Window;
 
@@ -27,7 +28,7 @@ impl<T: Real> HannTransform<T> {
         assert!(n > 0 && n_padded >= n, "padding makes a record longer");
         Self {
             window: Window::new(Shape::Hann, n),
-            forward: ForwardPlan::new(n_padded, cache),
+            forward: ForwardPlan::new_padded(n, n_padded, cache),
             x_hat: vec![Complex::zero(); fft::n_bins(n_padded)],
         }
     }
@@ -42,6 +43,11 @@ impl<T: Real> HannTransform<T> {
 
     pub(in crate::dsp) fn n_bins(&self) -> usize {
         self.x_hat.len()
+    }
+
+    /// As [`Self::process`], the spectrum as it comes.
+    fn process_split(&mut self, x: &[T]) -> (&Split<T>, f64) {
+        self.forward.process_split(x, &self.window.weights)
     }
 
     /// Returns the spectrum of (x − mean)·w and the mean.
@@ -108,10 +114,8 @@ impl<T: Real> AmplitudePlan<T> {
         assert_eq!(out.len(), self.n_bins(), "bins of the plan");
         let n_padded = self.transform.n_padded();
         let line = T::rounded(2.0 / self.transform.window.sum);
-        let (x_hat, mean) = self.transform.process(x);
-        for (amplitude, value) in out.iter_mut().zip(x_hat) {
-            *amplitude = value.norm_sqr().square_root() * line;
-        }
+        let (x_hat, mean) = self.transform.process_split(x);
+        x_hat.moduli(line, out);
         let half = T::rounded(0.5);
         out[0] *= half;
         if n_padded.is_multiple_of(2) {
