@@ -95,19 +95,29 @@ impl<T: Real> EnvelopeSpectrumPlan<T> {
         Self { amplitude: AmplitudePlan::new_padded(n, 2 * n, cache) }
     }
 
-    /// Depths written per call: n + 1.
+    /// Plans for `n` samples of e² without padding: half as many bins, every rate/n, for half the time.
+    ///
+    /// # Panics
+    ///
+    /// If `n` is 0.
+    #[must_use]
+    pub fn unpadded(n: usize, cache: &mut FftCache<T>) -> Self {
+        Self { amplitude: AmplitudePlan::new(n, cache) }
+    }
+
+    /// Depths written per call: n + 1; unpadded ⌊n/2⌋ + 1.
     #[must_use]
     pub fn n_bins(&self) -> usize {
         self.amplitude.n_bins()
     }
 
-    /// Distance of two bins, Hz, for e² at `rate_hz`: half the resolution step rate/n.
+    /// Distance of two bins, Hz, for e² at `rate_hz`: half the resolution step rate/n; all of it unpadded.
     #[must_use]
     pub fn bin_width_hz(&self, rate_hz: f64) -> f64 {
         self.amplitude.bin_width_hz(rate_hz)
     }
 
-    /// Writes the modulation depth at k·rate/(2n) into `depth[k]`, returns mean(e²), u².
+    /// Writes the modulation depth at k·rate/(2n) (unpadded k·rate/n) into `depth[k]`, returns mean(e²), u².
     ///
     /// `None` (and depths of 0) if the mean is 0: no signal, nothing modulated.
     ///
@@ -190,6 +200,12 @@ mod tests {
         assert!((mean - a * a * norm).abs() < 1e-11);
         assert!((depth[place(f_m_hz)] - 2.0 * m / norm).abs() < 1e-12);
         assert!((depth[place(2.0 * f_m_hz)] - m * m / 2.0 / norm).abs() < 1e-12);
+        let mut plain = EnvelopeSpectrumPlan::unpadded(e2.len(), &mut FftCache::new());
+        let mut every_second = vec![0.0; plain.n_bins()];
+        plain.process(&e2, &mut every_second).unwrap();
+        for (plain, padded) in every_second.iter().zip(depth.iter().step_by(2)) {
+            assert!((plain - padded).abs() < 1e-12, "the same transform at half the grid");
+        }
         let line = line_at(&e2, rate_hz, f_m_hz).unwrap();
         assert!((line.amplitude / mean - 2.0 * m / norm).abs() < 1e-12);
         // f32: FFT rounding 1e-7 of the largest line, squared and summed.

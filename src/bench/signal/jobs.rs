@@ -85,9 +85,11 @@ pub(super) fn prepare<T: Real>(name: &str, x: &[f64], effort: &Effort) -> Option
         "hann" => ("Hann spectrum", "", Box::new(Hann::<T>::new(&x[..effort.n_spectrum]))),
         "welch" => ("Welch density, 10 s", "", Box::new(Welch::<T>::new(x, effort.n_spectrum))),
         "lines" => ("10 exact lines", "", Box::new(Lines::<T>::new(&x[..effort.n_spectrum]))),
-        "envelope" => {
-            ("envelope spectrum, 1 s", "band only", Box::new(Envelope::<T>::new(&x[..second])))
-        }
+        "envelope" => (
+            "envelope spectrum, 1 s",
+            "band only, 1 Hz",
+            Box::new(Envelope::<T>::new(&x[..second])),
+        ),
         "moments" => {
             ("moments, 10 s", "at once", Box::new(AtOnce { x: narrow::<T>(x), found: None }))
         }
@@ -284,7 +286,7 @@ impl<T: Real> EnvelopePlans<T> {
         let bins = envelope::bins_of_band(n, FS_HZ, BAND_HZ.0, BAND_HZ.1).unwrap_or(1..2);
         let squared = SquaredEnvelopePlan::new(n, bins, cache);
         let e2 = zeros(squared.out_len());
-        let spectrum = EnvelopeSpectrumPlan::new(e2.len(), cache);
+        let spectrum = EnvelopeSpectrumPlan::unpadded(e2.len(), cache);
         let depth = zeros(spectrum.n_bins());
         Self { squared, e2, spectrum, depth }
     }
@@ -320,7 +322,7 @@ impl<T: Real> Job for Envelope<T> {
         let e2 = reference::squared_envelope(&x[..n], bins, self.plans.e2.len());
         let bins: Vec<usize> = (0..self.plans.depth.len()).step_by(5).collect();
         let mean = reference::mean(&e2);
-        let exact = reference::amplitudes(&e2, 2 * e2.len(), &bins);
+        let exact = reference::amplitudes(&e2, e2.len(), &bins);
         let exact: Vec<f64> = exact.iter().map(|value| value / mean).collect();
         relative_real(bins.iter().map(|k| self.plans.depth[*k]), &exact)
     }
