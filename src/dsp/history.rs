@@ -38,11 +38,9 @@ pub struct EnergyHistory {
 
 impl EnergyHistory {
     /// Takes in one record and returns its kurtosis against all records and against the accepted ones.
-    fn push(&mut self, record: &Moments) -> (Option<f64>, Option<f64>) {
-        let n = record.n as f64;
-        // A record without variance has no fourth moment either.
-        let variance = record.variance().unwrap_or(0.0);
-        let (energy, kurtosis) = (n * variance, record.kurtosis().unwrap_or(0.0));
+    fn push(&mut self, record: Shape) -> (Option<f64>, Option<f64>) {
+        let Shape { n, variance, kurtosis } = record;
+        let energy = n * variance;
         self.n_records += 1;
         self.mean_energy += (energy - self.mean_energy) / self.n_records as f64;
         self.offer(variance);
@@ -193,17 +191,36 @@ impl HistoryPlan {
         let floor = ROUNDING * Moments::of(y).rms().unwrap_or(0.0);
         let moments = |part: &[f64]| {
             let moments = Moments::of(part);
-            if moments.rms() > Some(floor) { moments } else { nothing(part.len()) }
+            if moments.rms() > Some(floor) { Shape::of(&moments) } else { Shape::nothing(&moments) }
         };
-        let (na4, na4_star) = history.residual.push(&moments(self.gear.residual()));
-        let (nb4, nb4_star) = history.envelope.push(&moments(self.mesh.amplitude()));
+        let (na4, na4_star) = history.residual.push(moments(self.gear.residual()));
+        let (nb4, nb4_star) = history.envelope.push(moments(self.mesh.amplitude()));
         Some(GearIndicators { figures, na4, na4_star, nb4, nb4_star })
     }
 }
 
-/// The moments of `n` zeros.
-fn nothing(n: usize) -> Moments {
-    Moments { n: n as u64, min: 0.0, max: 0.0, ..Moments::EMPTY }
+/// What of a record a history takes in.
+#[derive(Clone, Copy)]
+struct Shape {
+    n: f64,
+    variance: f64,
+    kurtosis: f64,
+}
+
+impl Shape {
+    /// Of a record; one without variance has no fourth moment either.
+    fn of(moments: &Moments) -> Self {
+        Self {
+            n: moments.n as f64,
+            variance: moments.variance().unwrap_or(0.0),
+            kurtosis: moments.kurtosis().unwrap_or(0.0),
+        }
+    }
+
+    /// Of as many zeros.
+    fn nothing(moments: &Moments) -> Self {
+        Self { n: moments.n as f64, variance: 0.0, kurtosis: 0.0 }
+    }
 }
 
 #[cfg(test)]
@@ -436,10 +453,10 @@ mod tests {
     fn a_million_records_do_not_drift() {
         let mut history = EnergyHistory::default();
         let record = Moments::of(&gaussian_noise(64, 3));
-        let first = history.push(&record).0.unwrap();
+        let first = history.push(Shape::of(&record)).0.unwrap();
         let mut last = first;
         for _ in 0..1_000_000 {
-            last = history.push(&record).0.unwrap();
+            last = history.push(Shape::of(&record)).0.unwrap();
         }
         // A running mean corrects its own rounding: no growth with the number of records.
         assert!((last / first - 1.0).abs() < 1e-13, "{last} {first}");
