@@ -11,7 +11,8 @@ use crate::dsp::fft::{FftCache, ForwardPlan};
 use crate::dsp::line::{self, Line};
 use crate::dsp::moments::{MomentHistory, Moments};
 use crate::dsp::real::Real;
-use crate::dsp::spectrum::{AmplitudePlan, WelchPlan};
+use crate::dsp::spectrum::AmplitudePlan;
+use crate::dsp::welch::WelchPlan;
 use rustfft::num_complex::Complex;
 use rustfft::num_complex::Complex64;
 
