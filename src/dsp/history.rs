@@ -47,7 +47,7 @@ impl EnergyHistory {
         let against = |reference: f64| {
             // By the ratio: fourth powers may underflow where the ratio does not.
             let ratio = energy / reference;
-            (reference > 0.0).then(|| kurtosis * ratio * ratio).filter(|value| value.is_finite())
+            (reference > 0.0).then_some(kurtosis * ratio * ratio).filter(|value| value.is_finite())
         };
         (against(self.mean_energy), against(n * self.mean_variance))
     }

@@ -50,8 +50,8 @@ pub(super) struct Named {
     pub(super) job: Box<dyn Job>,
 }
 
-/// Names of all jobs.
-pub(super) const NAMES: [&str; 17] = [
+/// Names of these jobs.
+const NAMES: [&str; 17] = [
     "forward",
     "hann",
     "welch",
@@ -70,6 +70,11 @@ pub(super) const NAMES: [&str; 17] = [
     "full-job-coarse",
     "diagnosis-job",
 ];
+
+/// Names of all jobs, those of [`super::further`] included.
+pub(super) fn names() -> impl Iterator<Item = &'static str> {
+    NAMES.iter().chain(&super::further::NAMES).copied()
+}
 
 /// Prepares a job; `None` if there is no such name.
 pub(super) fn prepare<T: Real>(name: &str, x: &[f64], effort: &Effort) -> Option<Named> {
@@ -121,9 +126,9 @@ pub(super) fn prepare<T: Real>(name: &str, x: &[f64], effort: &Effort) -> Option
             let job = Channels::<T>::new(x, effort, Kind::Diagnosis);
             ("channel-second, diagnosis", "", Box::new(job))
         }
-        _ => return None,
+        _ => super::further::prepare::<T>(name, x, effort)?,
     };
-    let name = NAMES.iter().find(|known| **known == name)?;
+    let name = names().find(|known| *known == name)?;
     let is_channel = what.starts_with("channel-second");
     Some(Named { name, what, mode, is_channel, job })
 }

@@ -1,7 +1,8 @@
 //! Speed against error of the signal processing: each transform and precision, and channels a core.
 //!
-//! `jobs` has what is measured, `reference` the sums of the definitions, `recording` the signal.
+//! `jobs` and `further` have what is measured, `reference` the sums of the definitions, `recording` the signal.
 
+mod further;
 mod jobs;
 pub(super) mod recording;
 mod reference;
@@ -93,8 +94,8 @@ pub const COLUMNS: [Column; 9] = [
 /// [`BenchError`] when a row cannot be told.
 pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, BenchError> {
     let x = recording::gearbox(HISTORY_S * effort.n_second, 1);
-    let single = jobs::NAMES.iter().filter_map(|name| jobs::prepare::<f32>(name, &x, effort));
-    let double = jobs::NAMES.iter().filter_map(|name| jobs::prepare::<f64>(name, &x, effort));
+    let single = jobs::names().filter_map(|name| jobs::prepare::<f32>(name, &x, effort));
+    let double = jobs::names().filter_map(|name| jobs::prepare::<f64>(name, &x, effort));
     let mut named: Vec<(Named, &str)> = single.map(|job| (job, "f32")).collect();
     named.extend(double.map(|job| (job, "f64")));
     let mut works: Vec<&mut dyn Work> =
@@ -127,8 +128,8 @@ fn row(named: &mut Named, precision: &str, timing: &Timing, x: &[f64]) -> Vec<Ce
 
 /// Names of the jobs that [`one_round`] knows.
 #[must_use]
-pub fn names() -> &'static [&'static str] {
-    &jobs::NAMES
+pub fn names() -> Vec<&'static str> {
+    jobs::names().collect()
 }
 
 /// One round of one job in f32, for comparisons in which another program takes turns: an object with
