@@ -159,7 +159,7 @@ fn transform<T: Real>(
         "stft" => ("STFT, 10 s", "half overlap", stft::<T>(x, effort.n_spectrum / 8)),
         "order-track" => ("order tracking, 10 s", "256 a turn", order_track::<T>(x)),
         "speed" => ("speed, 10 s", "comb", speed::<T>(x)),
-        "speed-track" => ("speed over time, 10 s", "", speed_track::<T>(x, effort.n_spectrum / 4)),
+        "speed-track" => ("speed over time, 10 s", "", speed_track::<T>(x, effort.n_second)),
         _ => return None,
     };
     Some((what, mode, job?))
@@ -253,8 +253,7 @@ fn full_spectrum<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
 }
 
 fn drs<T: Real>(x: &[f64], n_segment: usize) -> Option<Box<dyn Shown>> {
-    let delay = n_segment / 4;
-    let plan = DrsPlan::<T>::new(x.len(), n_segment, delay, &mut FftCache::new())?;
+    let plan = DrsPlan::<T>::new(x.len(), n_segment, n_segment, &mut FftCache::new())?;
     boxed(
         (narrow::<T>(x), plan, zeros(x.len()), zeros(x.len())),
         |(x, plan, discrete, random)| plan.process(x, discrete, random),
@@ -360,4 +359,28 @@ fn speed_track<T: Real>(x: &[f64], n_frame: usize) -> Option<Box<dyn Shown>> {
         },
         |(_, plan)| plan.points().iter().map(|point| point.speed_hz).collect(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{jobs, recording};
+    use super::*;
+
+    #[test]
+    fn every_job_is_there_and_right() {
+        let effort = Effort::WHOLE;
+        let x = recording::gearbox(10 * effort.n_second, 1);
+        let known: Vec<&str> = jobs::names().collect();
+        for name in NAMES {
+            assert!(known.contains(&name));
+            let Some((_, _, mut job)) = prepare::<f32>(name, &x, &effort) else {
+                panic!("no job {name}");
+            };
+            job.call();
+            let error = job.error(&x).unwrap();
+            // Negentropies are differences of logarithms near 0; the others keep what f32 has.
+            let most = if name == "infogram" { 1e-5 } else { 2e-6 };
+            assert!(error < most, "{name}: {error}");
+        }
+    }
 }
