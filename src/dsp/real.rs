@@ -22,6 +22,9 @@ mod sealed {
 pub trait Real:
     sealed::Sealed + Lanes + FftNum + Default + PartialOrd + AddAssign + SubAssign + MulAssign
 {
+    /// 0, for constants.
+    const ZERO: Self;
+
     /// Rounds to the nearest representable number (the identity for f64).
     fn rounded(x: f64) -> Self;
 
@@ -33,6 +36,8 @@ pub trait Real:
 }
 
 impl Real for f32 {
+    const ZERO: Self = 0.0;
+
     fn rounded(x: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
         let rounded = x as f32;
@@ -49,6 +54,8 @@ impl Real for f32 {
 }
 
 impl Real for f64 {
+    const ZERO: Self = 0.0;
+
     fn rounded(x: f64) -> Self {
         x
     }
