@@ -48,6 +48,7 @@ use rotorwatch::dsp::integrate::VelocityPlan;
 use rotorwatch::dsp::kurtogram::InfogramPlan;
 use rotorwatch::dsp::kurtogram::KurtogramPlan;
 use rotorwatch::dsp::line;
+use rotorwatch::dsp::line::LinesPlan;
 use rotorwatch::dsp::moments::MomentHistory;
 use rotorwatch::dsp::order::PhaseTrack;
 use rotorwatch::dsp::order_spectrum::OrderSpectrumPlan;
@@ -122,6 +123,8 @@ fn time_domain<T: Real>(n: usize) {
     assert_no_allocation("lines", n, || {
         line::lines_at(&x, FS_HZ, &[50.0, 68.0, 99.0, 280.0, 300.0, 555.0], &mut lines);
     });
+    let mut planned = LinesPlan::new(n, FS_HZ, &[50.0, 68.0, 99.0, 280.0, 300.0, 555.0]);
+    assert_no_allocation("planned lines", n, || planned.process(&x, &mut lines));
     let mut out = zeros::<T>(n);
     assert_no_allocation("absolute vibration", n, || {
         absolute::absolute_vibration(&x, &x, &mut out);

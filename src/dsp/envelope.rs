@@ -127,8 +127,14 @@ impl<T: Real> EnvelopeSpectrumPlan<T> {
     pub fn process(&mut self, e2: &[T], depth: &mut [T]) -> Option<f64> {
         let mean = self.amplitude.process(e2, depth);
         if mean > 0.0 {
+            // Of the smallest numbers there are, the reciprocal is none.
+            let factor = T::rounded(mean.recip());
             for value in depth {
-                *value = T::rounded(value.to_f64() / mean);
+                *value = if factor.to_f64().is_finite() {
+                    *value * factor
+                } else {
+                    T::rounded(value.to_f64() / mean)
+                };
             }
             Some(mean)
         } else {

@@ -252,16 +252,26 @@ impl<T: Real> WithSimd for Unfold<'_, T> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { z, turns, x_hat } = self;
-        let n = x_hat.re.len();
-        let half = T::rounded(0.5);
-        let (z_re, z_im) = (&z.re[..n], &z.im[..n]);
-        let (cos, sin) = (&turns.re[..n], &turns.im[..n]);
-        let (re, im) = (&mut x_hat.re[..n], &mut x_hat.im[..n]);
-        for k in 0..n {
-            let (a_re, a_im, b_re, b_im) = (z_re[k], z_im[k], z_re[n - 1 - k], z_im[n - 1 - k]);
-            let (sum_im, gap_re) = (a_im + b_im, a_re - b_re);
-            re[k] = half * (a_re + b_re) + cos[k] * sum_im - sin[k] * gap_re;
-            im[k] = half * (a_im - b_im) - cos[k] * gap_re - sin[k] * sum_im;
-        }
+        unfold((&z.re, &z.im), (&turns.re, &turns.im), &mut x_hat.re, &mut x_hat.im);
+    }
+}
+
+/// A function of its own, so that the lists are known not to overlap.
+#[inline(always)]
+fn unfold<T: Real>(
+    (z_re, z_im): (&[T], &[T]),
+    (cos, sin): (&[T], &[T]),
+    re: &mut [T],
+    im: &mut [T],
+) {
+    let n = re.len();
+    let half = T::rounded(0.5);
+    let (z_re, z_im, cos, sin) = (&z_re[..n], &z_im[..n], &cos[..n], &sin[..n]);
+    let im = &mut im[..n];
+    for k in 0..n {
+        let (a_re, a_im, b_re, b_im) = (z_re[k], z_im[k], z_re[n - 1 - k], z_im[n - 1 - k]);
+        let (sum_im, gap_re) = (a_im + b_im, a_re - b_re);
+        re[k] = half * (a_re + b_re) + cos[k] * sum_im - sin[k] * gap_re;
+        im[k] = half * (a_im - b_im) - cos[k] * gap_re - sin[k] * sum_im;
     }
 }

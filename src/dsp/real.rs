@@ -24,6 +24,8 @@ pub trait Real:
 {
     /// Distance from 1 to the next number.
     const EPSILON: f64;
+    /// 0, for constants.
+    const ZERO: Self;
 
     /// Rounds to the nearest representable number (the identity for f64).
     fn rounded(x: f64) -> Self;
@@ -40,6 +42,7 @@ pub trait Real:
 
 impl Real for f32 {
     const EPSILON: f64 = f32::EPSILON as f64;
+    const ZERO: Self = 0.0;
 
     fn rounded(x: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
@@ -62,6 +65,7 @@ impl Real for f32 {
 
 impl Real for f64 {
     const EPSILON: f64 = f64::EPSILON;
+    const ZERO: Self = 0.0;
 
     fn rounded(x: f64) -> Self {
         x

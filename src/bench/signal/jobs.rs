@@ -8,7 +8,7 @@ use crate::dsp::cwt::{DEFAULT_OMEGA0, MorletPlan, Part};
 use crate::dsp::cwt_bank::{Accuracy, CwtPlan, Rate, Settings};
 use crate::dsp::envelope::{self, EnvelopeSpectrumPlan, SquaredEnvelopePlan};
 use crate::dsp::fft::{FftCache, ForwardPlan};
-use crate::dsp::line::{self, Line};
+use crate::dsp::line::{self, Line, LinesPlan};
 use crate::dsp::moments::{MomentHistory, Moments};
 use crate::dsp::real::Real;
 use crate::dsp::spectrum::AmplitudePlan;
@@ -51,11 +51,12 @@ pub(super) struct Named {
 }
 
 /// Names of these jobs.
-const NAMES: [&str; 17] = [
+const NAMES: [&str; 18] = [
     "forward",
     "hann",
     "welch",
     "lines",
+    "lines-new",
     "envelope",
     "moments",
     "history",
@@ -90,7 +91,14 @@ pub(super) fn prepare<T: Real>(name: &str, x: &[f64], effort: &Effort) -> Option
         "forward" => ("real transform, 1 s", "", Box::new(Forward::<T>::new(&x[..second]))),
         "hann" => ("Hann spectrum", "", Box::new(Hann::<T>::new(&x[..effort.n_spectrum]))),
         "welch" => ("Welch density, 10 s", "", Box::new(Welch::<T>::new(x, effort.n_spectrum))),
-        "lines" => ("10 exact lines", "", Box::new(Lines::<T>::new(&x[..effort.n_spectrum]))),
+        "lines" => {
+            let job = Lines::<T>::new(&x[..effort.n_spectrum], true);
+            ("10 exact lines", "planned", Box::new(job))
+        }
+        "lines-new" => {
+            let job = Lines::<T>::new(&x[..effort.n_spectrum], false);
+            ("10 exact lines", "new frequencies", Box::new(job))
+        }
         "envelope" => (
             "envelope spectrum, 1 s",
             "band only, 1 Hz",
@@ -254,18 +262,24 @@ impl<T: Real> Job for Welch<T> {
 
 struct Lines<T: Real> {
     x: Vec<T>,
+    /// `None`: frequencies that are new with every record.
+    plan: Option<LinesPlan<T>>,
     lines: [Option<Line>; LINES_HZ.len()],
 }
 
 impl<T: Real> Lines<T> {
-    fn new(x: &[f64]) -> Self {
-        Self { x: narrow(x), lines: [None; LINES_HZ.len()] }
+    fn new(x: &[f64], is_planned: bool) -> Self {
+        let plan = is_planned.then(|| LinesPlan::new(x.len(), FS_HZ, &LINES_HZ));
+        Self { x: narrow(x), plan, lines: [None; LINES_HZ.len()] }
     }
 }
 
 impl<T: Real> Work for Lines<T> {
     fn call(&mut self) {
-        line::lines_at(&self.x, FS_HZ, &LINES_HZ, &mut self.lines);
+        match &mut self.plan {
+            Some(plan) => plan.process(&self.x, &mut self.lines),
+            None => line::lines_at(&self.x, FS_HZ, &LINES_HZ, &mut self.lines),
+        }
     }
 }
 
@@ -530,6 +544,8 @@ struct Channels<T: Real> {
     x_hat: Vec<Complex<T>>,
     hann: AmplitudePlan<T>,
     amplitudes: Vec<T>,
+    lines: LinesPlan<T>,
+    found: [Option<Line>; LINES_HZ.len()],
     envelope: EnvelopePlans<T>,
     cwt: Option<CwtPlan<T>>,
     moduli: Vec<T>,
@@ -565,6 +581,8 @@ impl<T: Real> Channels<T> {
             forward,
             amplitudes: zeros(hann.n_bins()),
             hann,
+            lines: LinesPlan::new(effort.n_spectrum, FS_HZ, &LINES_HZ),
+            found: [None; LINES_HZ.len()],
             envelope,
             moduli: zeros(cwt.as_ref().map_or(0, CwtPlan::out_len)),
             cwt,
@@ -583,9 +601,8 @@ impl<T: Real> Work for Channels<T> {
             let end = ring.len() - i * self.n_second / WINDOWS;
             let window = &ring[end - n_window..end];
             if self.kind == Kind::Diagnosis {
-                let mut lines = [None; LINES_HZ.len()];
-                line::lines_at(window, FS_HZ, &LINES_HZ, &mut lines);
-                std::hint::black_box(lines);
+                self.lines.process(window, &mut self.found);
+                std::hint::black_box(&mut self.found);
             } else {
                 self.hann.process(window, &mut self.amplitudes);
                 std::hint::black_box(&mut self.amplitudes);
