@@ -1,11 +1,13 @@
 //! The transforms that are measured, each with its error against the slow reference.
 
+mod channels;
+mod wavelets;
+
 use super::Effort;
 use super::recording::{BAND_HZ, FS_HZ, IMPACTS_HZ, MESH_HZ, SHAFT_HZ};
-use super::reference::{self, Morlet};
+use super::reference;
 use crate::bench::clock::Work;
-use crate::dsp::cwt::{DEFAULT_OMEGA0, MorletPlan, Part};
-use crate::dsp::cwt_bank::{Accuracy, CwtPlan, Rate, Settings};
+use crate::dsp::cwt_bank::{Accuracy, Rate};
 use crate::dsp::envelope::{self, EnvelopeSpectrumPlan, SquaredEnvelopePlan};
 use crate::dsp::fft::{FftCache, ForwardPlan};
 use crate::dsp::line::{self, Line, LinesPlan};
@@ -13,8 +15,10 @@ use crate::dsp::moments::{MomentHistory, Moments};
 use crate::dsp::real::Real;
 use crate::dsp::spectrum::AmplitudePlan;
 use crate::dsp::welch::WelchPlan;
+use channels::{Channels, Kind};
 use rustfft::num_complex::Complex;
 use rustfft::num_complex::Complex64;
+use wavelets::{Cwt, Pair};
 
 /// Frequencies of the lines that are read exactly.
 pub(super) const LINES_HZ: [f64; 10] = [
@@ -400,232 +404,5 @@ impl<T: Real> Job for History<T> {
             self.call();
         }
         moments_error(self.found, x)
-    }
-}
-
-/// Frequencies of the scales, 5 Hz to 4 kHz by equal ratios.
-pub(super) fn scales_hz(effort: &Effort) -> Vec<f64> {
-    let last = (effort.n_scales - 1) as f64;
-    let lowest = FS_HZ / effort.n_second as f64 * 5.0;
-    (0..effort.n_scales).map(|i| lowest * (4000.0 / lowest).powf(i as f64 / last)).collect()
-}
-
-struct Cwt<T: Real> {
-    x: Vec<T>,
-    forward: ForwardPlan<T>,
-    x_hat: Vec<Complex<T>>,
-    /// Always there with a frequency below Nyquist, as all are.
-    plan: Option<CwtPlan<T>>,
-    f_hz: Vec<f64>,
-    is_rms: bool,
-    w: Vec<Complex<T>>,
-    rms: Vec<f64>,
-}
-
-impl<T: Real> Cwt<T> {
-    fn new(
-        x: &[f64],
-        effort: &Effort,
-        n_padded: usize,
-        (accuracy, rate, is_rms): (Accuracy, Rate, bool),
-    ) -> Self {
-        let mut cache = FftCache::new();
-        let n = effort.n_second;
-        let forward = ForwardPlan::new_padded(n, n_padded, &mut cache);
-        let settings = Settings { fs_hz: FS_HZ, omega0: DEFAULT_OMEGA0, accuracy, rate };
-        let f_hz = scales_hz(effort);
-        let plan = if is_rms {
-            CwtPlan::of_rms((n, n_padded), &f_hz, &settings)
-        } else {
-            CwtPlan::new((n, n_padded), &f_hz, &settings, &mut cache)
-        };
-        let w = complex_zeros(plan.as_ref().map_or(0, CwtPlan::out_len));
-        let (x_hat, rms) = (complex_zeros(forward.n_bins()), vec![0.0; f_hz.len()]);
-        Self { x: narrow(&x[..n]), forward, x_hat, plan, f_hz, is_rms, w, rms }
-    }
-}
-
-impl<T: Real> Work for Cwt<T> {
-    fn call(&mut self) {
-        self.forward.process(&self.x, &mut self.x_hat);
-        let Some(plan) = &mut self.plan else { return };
-        if self.is_rms {
-            plan.rms(&self.x_hat, &mut self.rms);
-        } else {
-            plan.process(&self.x_hat, &mut self.w);
-        }
-    }
-}
-
-impl<T: Real> Job for Cwt<T> {
-    fn error(&mut self, x: &[f64]) -> Option<f64> {
-        const TIMES: usize = 5;
-        let plan = self.plan.as_ref()?;
-        let (n, n_padded) = (self.x.len(), self.forward.n_samples());
-        let spectrum = reference::spectrum(&x[..n], |_| 1.0, n_padded, 0..self.x_hat.len());
-        let exact = Morlet { spectrum: &spectrum, n: n_padded, fs_hz: FS_HZ };
-        if self.is_rms {
-            let exact: Vec<f64> = self.f_hz.iter().map(|f_hz| exact.rms(*f_hz, n)).collect();
-            return relative_real(self.rms.iter().copied(), &exact);
-        }
-        let pairs = self.f_hz.iter().enumerate().filter_map(|(scale, f_hz)| {
-            let (places, step_s) = (plan.places(scale)?, plan.step_s(scale)?);
-            let each = places.len().div_ceil(TIMES);
-            Some((0..places.len()).step_by(each).map({
-                let (w, exact) = (&self.w, &exact);
-                move |i| (wide(&w[places.start + i]), exact.at(*f_hz, i as f64 * step_s * FS_HZ))
-            }))
-        });
-        relative(pairs.flatten())
-    }
-}
-
-/// Mean modulus at shaft and mesh, from a spectrum that is there.
-struct Pair<T: Real> {
-    x_hat: Vec<Complex<T>>,
-    plans: Vec<MorletPlan<T>>,
-    n: usize,
-    found: [f64; 2],
-}
-
-impl<T: Real> Pair<T> {
-    fn new(x: &[f64]) -> Self {
-        let mut forward = Forward::<T>::new(x);
-        forward.call();
-        let plans = morlets(x.len(), &mut FftCache::new());
-        Self { x_hat: forward.x_hat, plans, n: x.len(), found: [0.0; 2] }
-    }
-}
-
-fn morlets<T: Real>(n: usize, cache: &mut FftCache<T>) -> Vec<MorletPlan<T>> {
-    let shaft_hz = SHAFT_HZ.max(8.0 * FS_HZ / n as f64);
-    let plan = |f_hz| MorletPlan::new(n, FS_HZ, f_hz, DEFAULT_OMEGA0, cache);
-    [shaft_hz, MESH_HZ].into_iter().filter_map(plan).collect()
-}
-
-impl<T: Real> Work for Pair<T> {
-    fn call(&mut self) {
-        for (plan, found) in self.plans.iter_mut().zip(&mut self.found) {
-            *found = plan.mean_magnitude(&self.x_hat).unwrap_or(f64::NAN);
-        }
-    }
-}
-
-impl<T: Real> Job for Pair<T> {
-    fn error(&mut self, x: &[f64]) -> Option<f64> {
-        let spectrum = reference::spectrum(&x[..self.n], |_| 1.0, self.n, 0..self.x_hat.len());
-        let exact = Morlet { spectrum: &spectrum, n: self.n, fs_hz: FS_HZ };
-        let shaft_hz = SHAFT_HZ.max(8.0 * FS_HZ / self.n as f64);
-        let mean = |(plan, f_hz): (&MorletPlan<T>, f64)| {
-            let (valid, step) = (plan.valid_range(), plan.step_s() * FS_HZ);
-            let n = valid.len() as f64;
-            valid.map(|i| exact.at(f_hz, i as f64 * step).norm()).sum::<f64>() / n
-        };
-        let exact: Vec<f64> = self.plans.iter().zip([shaft_hz, MESH_HZ]).map(mean).collect();
-        relative_real(self.found.iter().copied(), &exact)
-    }
-}
-
-/// What a second of a channel costs, many channels with their own histories in turn.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
-    /// 10 Hann spectra, an envelope spectrum, moments, |W| at all scales.
-    Full(Accuracy),
-    /// 10 lines in 10 windows, an envelope spectrum, moments, |W| at shaft and mesh.
-    Diagnosis,
-}
-
-struct Channels<T: Real> {
-    kind: Kind,
-    n_second: usize,
-    rings: Vec<(Vec<T>, MomentHistory)>,
-    next: usize,
-    forward: ForwardPlan<T>,
-    x_hat: Vec<Complex<T>>,
-    hann: AmplitudePlan<T>,
-    amplitudes: Vec<T>,
-    lines: LinesPlan<T>,
-    found: [Option<Line>; LINES_HZ.len()],
-    envelope: EnvelopePlans<T>,
-    cwt: Option<CwtPlan<T>>,
-    moduli: Vec<T>,
-    morlets: Vec<MorletPlan<T>>,
-}
-
-impl<T: Real> Channels<T> {
-    fn new(x: &[f64], effort: &Effort, kind: Kind) -> Self {
-        let mut cache = FftCache::new();
-        let n = effort.n_second;
-        let forward = ForwardPlan::new(n, &mut cache);
-        let hann = AmplitudePlan::new(effort.n_spectrum, &mut cache);
-        let envelope = EnvelopePlans::new(n, &mut cache);
-        let cwt = match kind {
-            Kind::Full(accuracy) => {
-                let rate = Rate::Decimated;
-                let settings = Settings { fs_hz: FS_HZ, omega0: DEFAULT_OMEGA0, accuracy, rate };
-                CwtPlan::new((n, n), &scales_hz(effort), &settings, &mut cache)
-            }
-            Kind::Diagnosis => None,
-        };
-        let mut history = MomentHistory::new(x.len() / n);
-        for block in x.chunks(n) {
-            history.push(block);
-        }
-        let ring = narrow::<T>(x);
-        Self {
-            kind,
-            n_second: n,
-            rings: vec![(ring, history); effort.n_channels],
-            next: 0,
-            x_hat: complex_zeros(forward.n_bins()),
-            forward,
-            amplitudes: zeros(hann.n_bins()),
-            hann,
-            lines: LinesPlan::new(effort.n_spectrum, FS_HZ, &LINES_HZ),
-            found: [None; LINES_HZ.len()],
-            envelope,
-            moduli: zeros(cwt.as_ref().map_or(0, CwtPlan::out_len)),
-            cwt,
-            morlets: morlets(n, &mut cache),
-        }
-    }
-}
-
-impl<T: Real> Work for Channels<T> {
-    fn call(&mut self) {
-        const WINDOWS: usize = 10;
-        self.next = (self.next + 1) % self.rings.len();
-        let (ring, history) = &mut self.rings[self.next];
-        let n_window = self.hann.n_samples();
-        for i in 0..WINDOWS {
-            let end = ring.len() - i * self.n_second / WINDOWS;
-            let window = &ring[end - n_window..end];
-            if self.kind == Kind::Diagnosis {
-                self.lines.process(window, &mut self.found);
-                std::hint::black_box(&mut self.found);
-            } else {
-                self.hann.process(window, &mut self.amplitudes);
-                std::hint::black_box(&mut self.amplitudes);
-            }
-        }
-        let newest = &ring[ring.len() - self.n_second..];
-        history.push(newest);
-        std::hint::black_box(history.moments());
-        self.forward.process(newest, &mut self.x_hat);
-        self.envelope.call(&self.x_hat);
-        match &mut self.cwt {
-            Some(cwt) => cwt.process_part(&self.x_hat, Part::Modulus, &mut self.moduli),
-            None => {
-                for morlet in &mut self.morlets {
-                    std::hint::black_box(morlet.mean_magnitude(&self.x_hat));
-                }
-            }
-        }
-    }
-}
-
-impl<T: Real> Job for Channels<T> {
-    fn error(&mut self, _: &[f64]) -> Option<f64> {
-        None
     }
 }
