@@ -68,13 +68,19 @@ fn every_transform_has_a_time_and_keeps_its_error() {
         assert!(row["cpu_us"].as_f64().unwrap() > 0.0 && row["yardsticks"].as_f64().unwrap() > 0.0);
         let is_coarse = row["mode"].as_str().unwrap().ends_with("1e-3");
         let Some(error) = row["error"].as_f64() else {
-            assert!(row["channels_a_core"].as_f64().unwrap() > 0.0, "{row}");
+            // A job of several transforms, or what f32 is held against.
+            assert!(
+                row["channels_a_core"].as_f64() > Some(0.0) || row["precision"] == "f64",
+                "{row}"
+            );
             continue;
         };
         // What docs/performance.md promises: of f32 the rounding, and of an envelope its square and
         // a division; f64 far below, but for the mode that leaves out on purpose.
         let largest = match (is_coarse, row["precision"].as_str().unwrap()) {
             (true, _) => 1e-3,
+            // A difference of logarithms near 0.
+            (false, "f32") if row["job"] == "infogram" => 1e-5,
             (false, "f32") => 1e-6,
             (false, _) => 1e-11,
         };
