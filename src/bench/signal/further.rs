@@ -152,7 +152,7 @@ fn transform<T: Real>(
         "zoom" => ("zoom spectrum", "64 lines", zoom::<T>(segment)),
         "full-spectrum" => ("full spectrum", "Hann", full_spectrum::<T>(segment)),
         "drs" => ("discrete and random, 10 s", "", drs::<T>(x, effort.n_spectrum / 2)),
-        "velocity" => ("velocity RMS, 1 s", "10-1000 Hz", velocity::<T>(second)),
+        "velocity" => ("velocity RMS, 10 s", "10-1000 Hz", velocity::<T>(x)),
         "band-pass" => ("Butterworth band, 10 s", "streaming", band_pass::<T>(x)),
         "zero-phase" => ("Butterworth band, 10 s", "zero phase", zero_phase::<T>(x)),
         "decimate" => ("decimation by 10, 10 s", "streaming", decimate::<T>(x)),
