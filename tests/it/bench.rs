@@ -84,7 +84,8 @@ fn every_transform_has_a_time_and_keeps_its_error() {
             (false, "f32") => 1e-6,
             (false, _) => 1e-11,
         };
-        assert!(error > 0.0 && error <= largest, "{row}");
+        // One number may be the same in both.
+        assert!((error > 0.0 || row["job"] == "speed") && error <= largest, "{row}");
         n_errors += 1;
     }
     assert!(rows.len() > 30 && n_errors > 25, "{}", rows.len());
