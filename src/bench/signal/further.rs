@@ -165,14 +165,29 @@ fn transform<T: Real>(
     Some((what, mode, job?))
 }
 
+/// A record with the transform that several jobs begin with.
+struct Spectral<T: Real> {
+    x: Vec<T>,
+    forward: ForwardPlan<T>,
+    x_hat: Vec<Complex<T>>,
+    cache: FftCache<T>,
+}
+
+impl<T: Real> Spectral<T> {
+    fn new(x: &[f64]) -> Self {
+        let mut cache = FftCache::new();
+        let forward = ForwardPlan::new(x.len(), &mut cache);
+        let x_hat = complex_zeros(forward.n_bins());
+        Self { x: narrow(x), forward, x_hat, cache }
+    }
+}
+
 fn kurtogram<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
-    let mut cache = FftCache::new();
-    let forward = ForwardPlan::<T>::new(x.len(), &mut cache);
-    let x_hat = complex_zeros(forward.n_bins());
+    let Spectral { x, forward, x_hat, mut cache } = Spectral::<T>::new(x);
     let plan = KurtogramPlan::new(x.len(), DEPTH, 1..x_hat.len(), &mut cache);
     let out = vec![None; plan.bands().len()];
     boxed(
-        (narrow::<T>(x), forward, x_hat, plan, out),
+        (x, forward, x_hat, plan, out),
         |(x, forward, x_hat, plan, out)| {
             forward.process(x, x_hat);
             plan.process(x_hat, out);
@@ -182,13 +197,11 @@ fn kurtogram<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
 }
 
 fn infogram<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
-    let mut cache = FftCache::new();
-    let forward = ForwardPlan::<T>::new(x.len(), &mut cache);
-    let x_hat = complex_zeros(forward.n_bins());
+    let Spectral { x, forward, x_hat, mut cache } = Spectral::<T>::new(x);
     let plan = InfogramPlan::new(x.len(), DEPTH, 1..x_hat.len(), &mut cache);
     let out = vec![None; plan.bands().len()];
     boxed(
-        (narrow::<T>(x), forward, x_hat, plan, out),
+        (x, forward, x_hat, plan, out),
         |(x, forward, x_hat, plan, out)| {
             forward.process(x, x_hat);
             plan.process(x_hat, out);
@@ -198,13 +211,11 @@ fn infogram<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
 }
 
 fn cepstrum<T: Real>(x: &[f64]) -> Option<Box<dyn Shown>> {
-    let mut cache = FftCache::new();
-    let forward = ForwardPlan::<T>::new(x.len(), &mut cache);
-    let x_hat = complex_zeros(forward.n_bins());
+    let Spectral { x, forward, x_hat, mut cache } = Spectral::<T>::new(x);
     let plan = CepstrumPlan::new(x.len(), &mut cache);
     let out = zeros(plan.n_values());
     boxed(
-        (narrow::<T>(x), forward, x_hat, plan, out),
+        (x, forward, x_hat, plan, out),
         |(x, forward, x_hat, plan, out)| {
             forward.process(x, x_hat);
             let _rms = plan.process(x_hat, Kind::Power, out);
