@@ -9,7 +9,7 @@ pub mod policy;
 
 pub use policy::{Level, Settings};
 
-use crate::diagnosis::fault::{ComponentKind, FaultMode};
+use crate::diagnosis::fault::{ComponentKind, FaultMode, State};
 use crate::diagnosis::verdict::{ComponentDiagnosis, Diagnosis};
 use policy::{LevelTracker, Observation};
 use state::{AlarmInput, AlarmState};
@@ -42,13 +42,14 @@ pub struct Alarm {
     pub level: Level,
     /// State.
     pub state: AlarmState,
-    /// Fault of the newest accusing verdict; `None`: cause not proven.
+    /// Fault of the accusing verdict it rests on: the newest, except that a named cause outlasts
+    /// accusations that say otherwise for less than the off-delay. `None`: cause not proven.
     pub fault: Option<FaultMode>,
-    /// Sentence of the newest accusing verdict.
+    /// Sentence of that verdict.
     pub why: String,
-    /// Severity of the newest accusing verdict.
+    /// Severity of that verdict.
     pub severity: Option<f64>,
-    /// Confidence of the newest accusing verdict.
+    /// Confidence of that verdict.
     pub confidence: Option<f64>,
     /// Stream time at which it was first raised, s.
     pub raised_at_s: f64,
@@ -58,6 +59,16 @@ pub struct Alarm {
     pub occurrences: u32,
     /// The last acknowledgement; an escalation or return of the condition asks for a new one.
     pub acknowledgement: Option<Acknowledgement>,
+}
+
+impl Alarm {
+    /// Takes over what an accusing verdict says.
+    fn take_over(&mut self, component: &ComponentDiagnosis) {
+        self.fault = component.fault;
+        self.why.clone_from(&component.why);
+        self.severity = component.severity;
+        self.confidence = component.confidence;
+    }
 }
 
 /// What happened to an alarm.
@@ -140,6 +151,42 @@ pub enum ActionError {
 struct Slot {
     tracker: LevelTracker,
     alarm: Option<Alarm>,
+    cause: CauseDelay,
+}
+
+/// Evidence time for which verdicts have said another cause than the one an alarm names.
+#[derive(Debug, Clone, Copy, Default)]
+struct CauseDelay {
+    other_s: f64,
+}
+
+impl CauseDelay {
+    /// Whether an alarm takes over what this verdict says of its cause.
+    ///
+    /// A cause that was named stands for as long as the alarm itself would without evidence
+    /// ([`Settings::off_delay_s`]): the one window in which damage comes or is mended mixes two
+    /// conditions and proves neither. A verdict that names the same cause, or is worse than all
+    /// before it, is taken over at once.
+    fn takes(
+        &mut self,
+        alarm: &Alarm,
+        component: &ComponentDiagnosis,
+        evidence_s: f64,
+        settings: &Settings,
+    ) -> bool {
+        if !component.state.is_accusation() {
+            return false;
+        }
+        self.other_s += evidence_s;
+        let open = alarm.fault.is_none() || !alarm.state.is_active();
+        let same = alarm.fault == component.fault;
+        let worse = component.state == State::Damaged && alarm.level == Level::Warning;
+        let takes = open || same || worse || self.other_s >= settings.off_delay_s;
+        if takes {
+            self.other_s = 0.0;
+        }
+        takes
+    }
 }
 
 /// The alarms of one machine.
@@ -179,6 +226,14 @@ impl AlarmEngine {
             let observation = Observation::of(component.state, diagnosis.operating_state);
             let slot = self.slots.entry((component.kind, component.id.clone())).or_default();
             let level = slot.tracker.observe(observation, evidence_s, &self.settings);
+            match &mut slot.alarm {
+                Some(alarm) => {
+                    if slot.cause.takes(alarm, component, evidence_s, &self.settings) {
+                        alarm.take_over(component);
+                    }
+                }
+                None => slot.cause = CauseDelay::default(),
+            }
             let Some((kind, alarm)) =
                 transition(&mut slot.alarm, component, level, time_s, &mut self.next_id)
             else {
@@ -302,12 +357,6 @@ fn transition(
         *slot = Some(alarm.clone());
         return Some((EventKind::Raised, alarm));
     };
-    if component.state.is_accusation() {
-        alarm.fault = component.fault;
-        alarm.why.clone_from(&component.why);
-        alarm.severity = component.severity;
-        alarm.confidence = component.confidence;
-    }
     let before = (alarm.state, alarm.level);
     let (input, kind) = match level {
         None => (

@@ -272,3 +272,43 @@ proptest! {
         }
     }
 }
+
+/// The cause the only alarm names after a verdict at `time_s`.
+fn cause_after(
+    engine: &mut AlarmEngine,
+    time_s: f64,
+    state: State,
+    fault: Option<FaultMode>,
+) -> Option<FaultMode> {
+    let mut diagnosis = verdict(state, OperatingState::Running);
+    diagnosis.components[0].fault = fault;
+    engine.observe(&diagnosis, time_s);
+    engine.standing()[0].fault
+}
+
+#[test]
+fn a_named_cause_outlasts_a_window_that_mixes_two_conditions() {
+    let (bow, unbalance) = (Some(FaultMode::Bow), Some(FaultMode::Unbalance));
+    let mut engine = engine(0.0, 20.0);
+    assert_eq!(cause_after(&mut engine, 10.0, D, None), None);
+    assert_eq!(cause_after(&mut engine, 20.0, D, bow), bow, "a name is taken at once");
+    assert_eq!(cause_after(&mut engine, 30.0, D, None), bow);
+    assert_eq!(cause_after(&mut engine, 40.0, D, bow), bow, "counts anew");
+    assert_eq!(cause_after(&mut engine, 50.0, D, unbalance), bow);
+    assert_eq!(cause_after(&mut engine, 60.0, H, None), bow);
+    assert_eq!(cause_after(&mut engine, 70.0, D, None), None, "20 s of other answers");
+    assert_eq!(cause_after(&mut engine, 80.0, W, unbalance), unbalance);
+}
+
+#[test]
+fn a_worse_or_a_new_condition_brings_its_own_cause() {
+    let (bow, unbalance) = (Some(FaultMode::Bow), Some(FaultMode::Unbalance));
+    let mut engine = engine(0.0, 20.0);
+    assert_eq!(cause_after(&mut engine, 10.0, W, unbalance), unbalance);
+    assert_eq!(cause_after(&mut engine, 20.0, D, bow), bow, "escalated");
+    assert_eq!(cause_after(&mut engine, 30.0, H, None), bow);
+    assert_eq!(cause_after(&mut engine, 40.0, H, None), bow);
+    assert_eq!(cause_after(&mut engine, 50.0, H, None), bow, "returned");
+    assert_eq!(engine.standing()[0].state, AlarmState::ReturnedUnacknowledged);
+    assert_eq!(cause_after(&mut engine, 60.0, W, unbalance), unbalance, "raised again");
+}
