@@ -19,10 +19,6 @@ use crate::features::WindowFeatures;
 use crate::features::speed::SpeedSource;
 use crate::units::Hz;
 
-/// A speed that changes by more than this within a window smears the lines of the fifth shaft
-/// harmonic over tens of cells; such a window is transient.
-const TRANSIENT_EXCURSION: f64 = 0.01;
-
 /// Part of a capture's windows that gives its state, and the fewest of them.
 const LAST_PART: f64 = 0.05;
 const FEWEST_WINDOWS: usize = 3;
@@ -78,7 +74,15 @@ pub fn judge_window(
         OperatingState::Running | OperatingState::Unknown => None,
     };
     if let Some(why) = blocked {
-        for component in components.iter_mut().filter(|c| c.kind != ComponentKind::Sensor) {
+        let is_blocked = |c: &&mut ComponentDiagnosis| match c.kind {
+            ComponentKind::Sensor => false,
+            // Their lines were read at equal angles, against the noise beside them.
+            ComponentKind::Bearing => {
+                operating_state == OperatingState::Stopped || !features.speed.is_evened
+            }
+            ComponentKind::Shaft | ComponentKind::Gear | ComponentKind::Machine => true,
+        };
+        for component in components.iter_mut().filter(is_blocked) {
             make_undetermined(component, &why);
         }
     }
@@ -129,7 +133,7 @@ fn operating_state(features: &WindowFeatures, context: &Context<'_>) -> Operatin
     });
     if first.0 <= 0.0 || still {
         OperatingState::Stopped
-    } else if features.speed.excursion > TRANSIENT_EXCURSION {
+    } else if features.speed.is_transient() {
         OperatingState::Transient
     } else {
         OperatingState::Running

@@ -106,6 +106,24 @@ impl PhaseTrack {
         Some(Self { knots, n_missing: 0, n_double: 0 })
     }
 
+    /// The same motion seen from `delay_s` later on: what was at t = `delay_s` is at t = 0.
+    #[must_use]
+    pub fn seen_from(&self, delay_s: f64) -> Self {
+        let earlier = |times_s: &[f64]| times_s.iter().map(|t| t - delay_s).collect();
+        let knots = match &self.knots {
+            Knots::Constant { speed_hz } => Knots::Constant { speed_hz: *speed_hz },
+            Knots::Pulses { times_s, revolutions } => {
+                Knots::Pulses { times_s: earlier(times_s), revolutions: revolutions.clone() }
+            }
+            Knots::Smooth { times_s, revolutions, speed_hz } => Knots::Smooth {
+                times_s: earlier(times_s),
+                revolutions: revolutions.clone(),
+                speed_hz: speed_hz.clone(),
+            },
+        };
+        Self { knots, ..*self }
+    }
+
     /// Pulses that were missing and have been bridged.
     #[must_use]
     pub fn n_missing(&self) -> usize {

@@ -107,6 +107,7 @@ pub(in crate::dsp) fn scaled_to_u128(x: f64, bits: i32) -> u128 {
 }
 
 /// Rounds a non-negative position up to an index; negative and NaN give 0, too large saturates.
-pub(in crate::dsp) fn ceil_index(position: f64) -> usize {
+#[must_use]
+pub fn ceil_index(position: f64) -> usize {
     floor_index(position.ceil())
 }

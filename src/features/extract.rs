@@ -1,7 +1,6 @@
 //! One window in, its features out: the order of measurement on one screen.
 
 use super::ChannelFeatures;
-use super::ChannelWindow;
 use super::Feature;
 use super::Window;
 use super::WindowFeatures;
@@ -18,8 +17,10 @@ use super::speed;
 use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedHints;
+use super::trace;
+use super::trace::Trace;
+use super::turning;
 use crate::dsp::cwt::MorletPlan;
-use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::fft::ForwardPlan;
 use crate::dsp::integrate::Quantity;
@@ -50,20 +51,6 @@ pub struct Extractor {
     cache: FftCache<f32>,
 }
 
-/// One vibration channel on its way through the window.
-struct Trace<'a> {
-    sensor: usize,
-    channel: ChannelIndex,
-    /// Newest samples of a length that transforms fast.
-    samples: &'a [f32],
-    /// All samples of the window.
-    all: ChannelWindow<'a>,
-    range: (u64, u64),
-    moments: Moments,
-    x_hat: Vec<Complex<f32>>,
-    features: Vec<Feature>,
-}
-
 impl Extractor {
     /// Prepares for a stream of `channels`.
     #[must_use]
@@ -88,13 +75,15 @@ impl Extractor {
         let machine = Arc::clone(&self.machine);
         let sensors = self.read_sensors(window);
         let mut traces = self.vibration_traces(window, &sensors);
-        let speed = self.speed(window, &sensors, &traces);
+        let mut speed = self.speed(window, &sensors, &traces);
+        let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
+        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.cache);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             for trace in &mut traces {
                 let info = &self.channels[trace.channel.0];
-                shaft_lines.extend(over_floor(&machine, trace, info.sample_rate, first));
+                shaft_lines.extend(over_floor(&machine, trace, first));
                 trace.features.extend(shaft_features(
                     &machine,
                     trace,
@@ -105,12 +94,11 @@ impl Extractor {
             }
             let mut reader = LineReader::new(&machine, first);
             for trace in &traces {
-                let info = &self.channels[trace.channel.0];
                 let sensor = &machine.sensors[trace.sensor];
                 let range = trace.range;
                 bearing_lines.extend(reader.envelope_lines(
                     sensor,
-                    (trace.channel, info.sample_rate, range),
+                    (trace.channel, trace.rate, range),
                     &trace.x_hat,
                     trace.samples.len(),
                     &mut self.cache,
@@ -177,7 +165,7 @@ impl Extractor {
                             | SensorKind::Temperature
                             | SensorKind::Process => None,
                         },
-                        sample_range: range_of(run),
+                        sample_range: trace::range_of(run),
                     }
                 }
             })
@@ -200,24 +188,10 @@ impl Extractor {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
-            let n = fft::fast_len_at_most(run.samples.len());
-            let samples = &run.samples[run.samples.len() - n..];
-            let moments = Moments::of(run.samples);
-            let mut features = overall::levels(&moments, info.unit, info.offset);
-            features.extend(velocity(samples, info, sensor.kind, &mut self.cache));
-            let mut plan = ForwardPlan::new(n, &mut self.cache);
-            let mut x_hat = vec![Complex::default(); plan.n_bins()];
-            plan.process(samples, &mut x_hat);
-            traces.push(Trace {
-                sensor: reading.sensor,
-                channel: reading.channel,
-                samples,
-                all: run,
-                range: range_of(run),
-                moments,
-                x_hat,
-                features,
-            });
+            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.cache);
+            trace.features = overall::levels(&trace.moments, info.unit, info.offset);
+            trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.cache));
+            traces.push(trace);
         }
         traces
     }
@@ -235,7 +209,7 @@ impl Extractor {
         let mut peaks: Vec<Peak> = Vec::new();
         let mut duration_s = f64::INFINITY;
         for trace in traces {
-            let rate = self.channels[trace.channel.0].sample_rate;
+            let rate = trace.rate;
             let n = trace.samples.len();
             duration_s = duration_s.min(n as f64 / rate.0);
             let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
@@ -283,22 +257,22 @@ impl Extractor {
             let (x, y) = (&traces[ix], &traces[iy]);
             let info = &self.channels[x.channel.0];
             let other = &self.channels[y.channel.0];
-            let same =
-                (info.sample_rate, info.unit, x.range) == (other.sample_rate, other.unit, y.range);
+            let same = (x.rate, info.unit, x.range) == (y.rate, other.unit, y.range)
+                && x.samples.len() == y.samples.len();
             if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
                 continue;
             }
             let a = AbsoluteVibration::of(
-                x.samples,
-                y.samples,
-                info.sample_rate,
+                &x.samples,
+                &y.samples,
+                x.rate,
                 reader.top(),
                 &mut self.cache,
             );
             let scale =
                 (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
             let sensor = &machine.sensors[pair.x];
-            let heard = ((x.channel, y.channel), info.sample_rate, x.range);
+            let heard = ((x.channel, y.channel), x.rate, x.range);
             let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.cache);
             let n = a.samples.len();
             let mut plan = ForwardPlan::new(n, &mut self.cache);
@@ -320,18 +294,12 @@ impl Extractor {
 }
 
 /// The 1× line of every shaft against the noise around it, half a shaft speed to either side.
-fn over_floor(
-    machine: &Machine,
-    trace: &Trace<'_>,
-    sample_rate: Hz,
-    first: Hz,
-) -> Vec<shaft::OverFloor> {
+fn over_floor(machine: &Machine, trace: &Trace<'_>, first: Hz) -> Vec<shaft::OverFloor> {
     let read = |(s, described): (usize, &Shaft)| {
         let speed = Hz(first.0 * described.ratio_to_first?);
         let half = Hz(0.5 * speed.0);
         let n = trace.samples.len();
-        let (power_ratio, floor_dof) =
-            shaft::over_floor(&trace.x_hat, n, sample_rate, speed, half)?;
+        let (power_ratio, floor_dof) = shaft::over_floor(&trace.x_hat, n, trace.rate, speed, half)?;
         let (shaft, channel) = (ShaftIndex(s), trace.channel);
         Some(shaft::OverFloor { shaft, channel, power_ratio, floor_dof })
     };
@@ -350,12 +318,12 @@ fn shaft_features(
     for shaft in &machine.shafts {
         let Some(ratio) = shaft.ratio_to_first else { continue };
         let speed = Hz(first.0 * ratio);
-        features.extend(shaft::lines(trace.samples, info.sample_rate, &shaft.id, speed, info.unit));
+        features.extend(shaft::lines(&trace.samples, trace.rate, &shaft.id, speed, info.unit));
     }
     features.extend(overall::beside_shafts(&trace.moments, &features, info.unit));
     features.extend(cwt_features(
         machine,
-        (&trace.x_hat, trace.samples.len(), info.sample_rate),
+        (&trace.x_hat, trace.samples.len(), trace.rate),
         info.unit,
         first,
         "",
@@ -491,8 +459,4 @@ fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Inpu
             range: t.range,
         })
         .collect()
-}
-
-fn range_of(run: ChannelWindow<'_>) -> (u64, u64) {
-    (run.start, run.start + run.samples.len() as u64)
 }

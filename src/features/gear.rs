@@ -247,6 +247,8 @@ mod tests {
                 start_s: 0.0,
                 is_marked: true,
             }),
+            turning: None,
+            is_evened: false,
             notes: Vec::new(),
         };
         let input = Input {

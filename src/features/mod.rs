@@ -6,6 +6,8 @@
 
 pub mod speed;
 pub mod tacho;
+mod trace;
+pub mod turning;
 pub mod sensor;
 pub mod overall;
 pub mod shaft;

@@ -5,6 +5,7 @@
 //! (docs/theory.md, F1–F3). Harmonics that a bearing's defect lines or the mains could imitate take no part.
 
 use super::shaft::hann_magnitude;
+use super::turning::Turning;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
@@ -76,11 +77,26 @@ pub struct Speed {
     pub excursion: f64,
     /// Angle of the first shaft, when a tacho gives it.
     pub phase: Option<Phase>,
+    /// How the first shaft turned, when it was measured.
+    pub turning: Option<Turning>,
+    /// Whether lines were read at equal angles because the speed changes.
+    pub is_evened: bool,
     /// Things the user should know.
     pub notes: Vec<String>,
 }
 
+/// A speed that changes by more than this within a window smears the lines of the fifth shaft
+/// harmonic over tens of cells, and moves every level: such a window is transient.
+pub const TRANSIENT_EXCURSION: f64 = 0.01;
+
 impl Speed {
+    /// Whether the speed changes so much that levels and lines cannot be held against those of another
+    /// speed.
+    #[must_use]
+    pub fn is_transient(&self) -> bool {
+        self.excursion > TRANSIENT_EXCURSION
+    }
+
     /// No speed.
     #[must_use]
     pub fn unknown() -> Self {
@@ -90,6 +106,8 @@ impl Speed {
             confidence: 0.0,
             excursion: 0.0,
             phase: None,
+            turning: None,
+            is_evened: false,
             notes: Vec::new(),
         }
     }
@@ -272,6 +290,8 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
         confidence,
         excursion: 0.0,
         phase: None,
+        turning: None,
+        is_evened: false,
         notes: Vec::new(),
     }
 }

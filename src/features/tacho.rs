@@ -6,7 +6,11 @@ use super::sensor::SensorReading;
 use super::speed::Phase;
 use super::speed::Speed;
 use super::speed::SpeedSource;
+use super::turning::Turning;
 use crate::dsp::order::PhaseTrack;
+use crate::dsp::pulses::PulseTrainPlan;
+use crate::dsp::pulses::Segment;
+use crate::dsp::pulses::Wheel;
 use crate::dsp::stats::Moments;
 use crate::dsp::tacho::Edge;
 use crate::dsp::tacho::Threshold;
@@ -41,8 +45,7 @@ pub fn measured_speed(
     };
     let by_tacho = of_kind(SensorKind::Tacho).find_map(|(s, info, x)| tacho(machine, s, info, x));
     let measured = by_tacho.or_else(|| {
-        of_kind(SensorKind::Speed)
-            .find_map(|(s, info, x)| speed_channel(machine, s, info, x.samples))
+        of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x))
     });
     // A tacho without pulses is a machine at rest or a lost sensor: a nominal speed would be a guess.
     measured.or_else(|| {
@@ -100,11 +103,14 @@ fn tacho(
     let quantisation = 2.0 * mean / info.sample_rate.0;
     let excursion = (phase.relative_excursion().unwrap_or(0.0) - quantisation).max(0.0);
     let same_shaft = (ratio - 1.0).abs() < 1e-9;
+    let smooth = smooth_track(&times_s, mark.pulses_per_rev, mean, ratio);
     Some(Speed {
         first: Some(Hz(mean / ratio)),
         source: Some(SpeedSource::Tacho),
         confidence: (1.0 - bad).max(0.5),
         excursion,
+        turning: smooth.map(|track| Turning { track, start_s: run.time_s, excursion }),
+        is_evened: false,
         phase: same_shaft.then_some(Phase {
             track: phase,
             start_s: run.time_s,
@@ -114,12 +120,61 @@ fn tacho(
     })
 }
 
+/// Pulses on either side over which the jitter of one is smoothed.
+const SMOOTHING_PULSES: usize = 4;
+
+/// A shaft slower than this part of its mean speed counts as standing.
+const STANDING: f64 = 0.05;
+
+/// The turning of the first shaft by the pulses of a shaft that turns `ratio` times as fast, jitter
+/// smoothed (D61–D63): the longest stretch over which the pulses can be followed.
+fn smooth_track(
+    times_s: &[f64],
+    pulses_per_rev: u32,
+    mean_hz: f64,
+    ratio: f64,
+) -> Option<PhaseTrack> {
+    let wheel = Wheel {
+        smoothing_pulses: SMOOTHING_PULSES,
+        ..Wheel::even(pulses_per_rev, STANDING * mean_hz)
+    };
+    let mut plan = PulseTrainPlan::new(wheel, times_s.len())?;
+    plan.process(times_s);
+    let span_s = |segment: &&Segment| match plan.knots(segment).0 {
+        [first, .., last] => last - first,
+        [] | [_] => 0.0,
+    };
+    let longest = plan.segments().iter().max_by(|a, b| span_s(a).total_cmp(&span_s(b)))?;
+    let (times_s, revolutions) = plan.knots(longest);
+    let of_first: Vec<f64> = revolutions.iter().map(|r| r / ratio).collect();
+    PhaseTrack::from_knots(times_s, &of_first)
+}
+
+/// Samples of a speed channel that are averaged into one knot at least, so that its noise does not
+/// shake the angle; and the knots of a window at most.
+const KNOTS: usize = 256;
+
+/// The turning of the first shaft by the speeds of a shaft that turns `ratio` times as fast.
+fn integrated_track(x: &[f32], rate_hz: f64, offset: f64, ratio: f64) -> Option<PhaseTrack> {
+    let n = x.len().div_ceil(KNOTS).max(1);
+    let (mut times_s, mut revolutions) = (vec![0.0], vec![0.0]);
+    let (mut turned, mut passed) = (0.0, 0);
+    for block in x.chunks(n) {
+        passed += block.len();
+        turned += block.iter().map(|v| f64::from(*v) + offset).sum::<f64>() / rate_hz;
+        times_s.push(passed as f64 / rate_hz);
+        revolutions.push(turned / ratio);
+    }
+    PhaseTrack::from_knots(&times_s, &revolutions)
+}
+
 fn speed_channel(
     machine: &Machine,
     sensor: &Sensor,
     info: &ChannelInfo,
-    x: &[f32],
+    run: ChannelWindow<'_>,
 ) -> Option<Speed> {
+    let x = run.samples;
     let ratio = ratio(machine, sensor)?;
     if x.len() < MIN_PULSES || info.unit != Unit::Hertz {
         return None;
@@ -127,12 +182,16 @@ fn speed_channel(
     let moments = Moments::of(x);
     let mean = moments.mean + info.offset;
     let span = moments.max - moments.min;
+    let excursion = if mean > 0.0 { span / mean } else { 0.0 };
+    let track = integrated_track(x, info.sample_rate.0, info.offset, ratio);
     (mean.is_finite() && mean >= 0.0).then(|| Speed {
         first: Some(Hz(mean / ratio)),
         source: Some(SpeedSource::SpeedChannel),
         confidence: 0.97,
-        excursion: if mean > 0.0 { span / mean } else { 0.0 },
+        excursion,
         phase: None,
+        turning: track.map(|track| Turning { track, start_s: run.time_s, excursion }),
+        is_evened: false,
         notes: Vec::new(),
     })
 }

@@ -47,6 +47,8 @@ pub(super) fn strongest<'a>(
     let of_bearing: Vec<&AbsoluteLine> = features
         .absolute_lines
         .iter()
+        // A baseline is of one speed.
+        .filter(|_| !features.speed.is_transient())
         .filter(|l| l.bearing == bearing && l.line != DefectLine::Ftf)
         .filter(|l| !l.reading.is_modulated_shaft())
         .collect();

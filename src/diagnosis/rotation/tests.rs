@@ -161,6 +161,8 @@ fn judged_with(
         confidence: 1.0,
         excursion: 0.0,
         phase: None,
+        turning: None,
+        is_evened: false,
         notes: Vec::new(),
     };
     let features = WindowFeatures {
