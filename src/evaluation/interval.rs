@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn ends_are_those_of_published_tables() {
-        // Two-sided 95 %: the tables of Diem & Lentner (Geigy, 1982) print these to four figures.
+        // Two-sided 95 %, as printed to four figures in tables of exact binomial limits.
         near(interval(1, 10), (0.0025, 0.4450), 5e-5);
         near(interval(5, 10), (0.1871, 0.8129), 5e-5);
         near(interval(8, 20), (0.1912, 0.6395), 5e-5);

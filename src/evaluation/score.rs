@@ -2,7 +2,8 @@
 //!
 //! Bearings, shafts, gears and the machine count; sensors do not. An accusation either *names* a known fault at its
 //! place, or *hints* at it (its component without a cause, or the abnormal level of the whole machine, which
-//! blames no part), or is *stray*. One stray accusation makes a verdict wrong, however right the rest.
+//! blames no part), or is *stray*. One stray accusation makes a verdict wrong, however right the rest; but a
+//! weaker fault beside a known one of the same component does not: it is counted apart.
 
 use super::reliability::Judgement;
 use super::truth::Acceptable;
@@ -81,6 +82,8 @@ pub struct Accusation {
     pub confidence: Option<f64>,
     /// Whether it is neither known nor a hint at what is known.
     pub stray: bool,
+    /// Whether it is a weaker fault beside the component's strongest, which is known.
+    pub beside: bool,
 }
 
 impl Accusation {
@@ -200,11 +203,14 @@ fn accusations(diagnosis: &Diagnosis, faults: &[KnownFault]) -> Vec<Accusation> 
         let first = (c.fault, c.severity, c.confidence);
         let others =
             c.other_faults.iter().map(|o| (Some(o.fault), Some(o.severity), Some(o.confidence)));
+        let mut beside = false;
         for (fault, severity, confidence) in std::iter::once(first).chain(others) {
-            let (component, kind) = (c.id.clone(), c.kind);
+            let (component, kind, stray) = (c.id.clone(), c.kind, false);
             let mut accusation =
-                Accusation { component, kind, fault, severity, confidence, stray: false };
-            accusation.stray = faults.iter().all(|f| said(f, &accusation) == Said::Nothing);
+                Accusation { component, kind, fault, severity, confidence, stray, beside };
+            let said = |what: Said| faults.iter().any(|f| said(f, &accusation) == what);
+            beside |= found.iter().all(|a: &Accusation| a.component != c.id) && said(Said::Named);
+            accusation.stray = !said(Said::Named) && !said(Said::Hinted);
             found.push(accusation);
         }
     }
@@ -220,7 +226,7 @@ fn score_faults(
     let accusations = accusations(diagnosis, faults);
     let outcome = if faults.is_empty() {
         if accusations.is_empty() { Outcome::Right } else { Outcome::FalseAlarm }
-    } else if accusations.iter().any(|a| a.stray) {
+    } else if accusations.iter().any(|a| a.stray && !a.beside) {
         Outcome::WrongCause
     } else {
         let each = faults.iter().map(|known| outcome_of(known, &accusations, diagnosis));

@@ -57,6 +57,10 @@ fn label(fault: FaultMode, component: &str) -> Known {
     Known::Faults(vec![KnownFault { fault, component }])
 }
 
+fn other(fault: FaultMode) -> OtherFault {
+    OtherFault { fault, severity: 0.3, confidence: 0.5, why: String::new() }
+}
+
 const NO_FAULT: Known = Known::Faults(Vec::new());
 
 /// The outcome on a machine of two bearings, a shaft and the whole, some of them replaced.
@@ -127,20 +131,15 @@ fn nothing_accused_is_undetermined_or_missed_by_the_labelled_component() {
 fn another_fault_or_component_is_a_wrong_cause() {
     let inner = label(FaultMode::InnerRace, "de");
     let right = part("de", Bearing, Damaged, Some(FaultMode::InnerRace));
-    let mut two = right.clone();
-    two.other_faults = vec![OtherFault {
-        fault: FaultMode::Cage,
-        severity: 0.3,
-        confidence: 0.5,
-        why: String::new(),
-    }];
+    let mut second = part("de", Bearing, Warning, Some(FaultMode::Cage));
+    second.other_faults = vec![other(FaultMode::InnerRace)];
     for said in [
         vec![part("de", Bearing, Warning, Some(FaultMode::OuterRace))],
         vec![part("fe", Bearing, Warning, Some(FaultMode::InnerRace))],
         vec![part("fe", Bearing, Warning, None)],
         vec![right.clone(), part("fe", Bearing, Warning, None)],
         vec![right, part("main", Shaft, Warning, Some(FaultMode::Bow))],
-        vec![two],
+        vec![second],
     ] {
         let score = of(&inner, &said);
         assert_eq!(score.outcome, Outcome::WrongCause, "{said:?}");
@@ -148,6 +147,19 @@ fn another_fault_or_component_is_a_wrong_cause() {
     }
     let score = of(&inner, &[part("fe", Bearing, Warning, None)]);
     assert!(score.accusations[0].is_surely_wrong(), "at 0.95");
+}
+
+#[test]
+fn a_weaker_fault_beside_the_known_one_is_counted_apart() {
+    let mut said = part("de", Bearing, Damaged, Some(FaultMode::InnerRace));
+    said.other_faults = vec![other(FaultMode::Cage), other(FaultMode::OuterRace)];
+    let score = of(&label(FaultMode::InnerRace, "de"), &[said.clone()]);
+    assert_eq!(score.outcome, Outcome::Right);
+    let flags: Vec<_> = score.accusations.iter().map(|a| (a.stray, a.beside)).collect();
+    assert_eq!(flags, [(false, false), (true, true), (true, true)]);
+    let right = score.judgements.iter().filter(|j| j.accused && j.right).count();
+    assert_eq!(right, 1, "the confidence of the others was given for nothing");
+    assert_eq!(outcome(&NO_FAULT, &[said]), Outcome::FalseAlarm);
 }
 
 #[test]

@@ -27,10 +27,6 @@ pub struct Record {
 }
 
 impl Record {
-    fn counted(&self) -> Option<Outcome> {
-        self.score.as_ref().ok().map(Score::counted)
-    }
-
     fn is_healthy(&self) -> bool {
         self.known == Known::Faults(Vec::new())
     }
@@ -147,6 +143,8 @@ pub struct Summary<'r> {
     pub rates: Rates,
     /// Accusations that are wrong, those on healthy machines among them, surest first.
     pub mistakes: Vec<Mistake<'r>>,
+    /// Weaker faults named beside the known one of the same component.
+    pub beside: Vec<Mistake<'r>>,
     /// Undetermined, with reasons.
     pub open: Vec<LeftOpen<'r>>,
     /// Reliability of the confidence of accusations.
@@ -179,7 +177,8 @@ impl<'r> Summary<'r> {
             groups: groups.into_iter().map(group).collect(),
             total,
             rates: Rates::of(records),
-            mistakes: mistakes(records),
+            mistakes: mistakes(records, |a| a.stray && !a.beside),
+            beside: mistakes(records, |a| a.stray && a.beside),
             open: open(records),
             accusing: reliability::table(judgements().filter(|j| j.accused)),
             acquitting: reliability::table(judgements().filter(|j| !j.accused)),
@@ -202,8 +201,8 @@ impl Rates {
         let is = |outcome: Outcome| move |score: &Score| score.counted() == outcome;
         let is_found = |s: &Score| matches!(s.counted(), Outcome::Right | Outcome::Detected);
         let is_sure = |s: &Score| {
-            s.counted() == Outcome::WrongCause
-                && s.accusations.iter().any(Accusation::is_surely_wrong)
+            let mut wrong = s.accusations.iter().filter(|a| !a.beside);
+            s.counted() == Outcome::WrongCause && wrong.any(Accusation::is_surely_wrong)
         };
         Self {
             right: rate(&|_| true, &is(Outcome::Right)),
@@ -216,12 +215,14 @@ impl Rates {
     }
 }
 
-fn mistakes(records: &[Record]) -> Vec<Mistake<'_>> {
+/// Accusations that are `wanted`, the surest first; none of records that the table accepts.
+fn mistakes(records: &[Record], wanted: impl Fn(&Accusation) -> bool) -> Vec<Mistake<'_>> {
     let mut found: Vec<Mistake<'_>> = Vec::new();
     for record in records {
-        let wrong = matches!(record.counted(), Some(Outcome::WrongCause | Outcome::FalseAlarm));
-        let Ok(score) = &record.score else { continue };
-        let stray = score.accusations.iter().filter(|a| wrong && a.stray);
+        let Some(score) = record.score.as_ref().ok().filter(|score| !score.accepted) else {
+            continue;
+        };
+        let stray = score.accusations.iter().filter(|a| wanted(a));
         found.extend(stray.map(|accusation| Mistake { record, accusation }));
     }
     let sureness = |m: &Mistake<'_>| m.accusation.confidence.unwrap_or(0.0);
@@ -273,6 +274,7 @@ mod tests {
             severity: Some(0.6),
             confidence: Some(confidence),
             stray: true,
+            beside: false,
         };
         Score {
             outcome,

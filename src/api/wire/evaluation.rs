@@ -30,6 +30,8 @@ pub struct EvaluationDocument {
     pub rates: RatesWire,
     /// Wrong accusations, those on healthy machines among them, the surest first.
     pub mistakes: Vec<MistakeWire>,
+    /// Weaker faults named beside the known one of the same component; such a record is right.
+    pub beside: Vec<MistakeWire>,
     /// Reliability of the confidence given.
     pub reliability: ReliabilityWire,
     /// Processor time of the diagnoses; null when none was measured.
@@ -132,6 +134,8 @@ pub struct AccusationWire {
     pub confidence: Option<f64>,
     /// Whether it is neither the known fault nor a hint at it.
     pub stray: bool,
+    /// Whether it is a weaker fault beside the known one of the same component.
+    pub beside: bool,
 }
 
 /// Reliability of the confidence: of verdicts given 0.9, nine in ten should be right.
@@ -220,6 +224,7 @@ impl EvaluationDocument {
                 false_alarm: RateWire::new(&rates.false_alarm),
             },
             mistakes: summary.mistakes.iter().map(MistakeWire::new).collect(),
+            beside: summary.beside.iter().map(MistakeWire::new).collect(),
             reliability: ReliabilityWire {
                 accusing: bins(&summary.accusing),
                 acquitting: bins(&summary.acquitting),
@@ -293,6 +298,7 @@ impl AccusationWire {
             severity: accusation.severity.and_then(finite),
             confidence: accusation.confidence.and_then(finite),
             stray: accusation.stray,
+            beside: accusation.beside,
         }
     }
 }

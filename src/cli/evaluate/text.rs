@@ -127,6 +127,7 @@ fn mistakes(out: &mut String, summary: &Summary<'_>, page: &Page) {
     let about = [
         (format!("wrong accusations at confidence {SURE} or more"), sure),
         (format!("wrong accusations at confidence below {SURE}"), unsure),
+        ("weaker faults beside the right one".to_owned(), summary.beside.iter().collect()),
     ];
     for (title, mistakes) in about {
         let lines = mistakes.iter().map(|m| {
