@@ -26,6 +26,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         &["units", "signal", "machine", "dsp", "buffer", "features", "diagnosis", "alarms"],
     ),
     ("simulator", &["units", "signal", "machine"]),
+    ("evaluation", &["diagnosis"]),
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
@@ -43,6 +44,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "alarms",
             "pipeline",
             "simulator",
+            "evaluation",
             "capture",
             "ingest",
         ],
@@ -80,6 +82,7 @@ const CORE: &[&str] = &[
     "alarms",
     "pipeline",
     "simulator",
+    "evaluation",
 ];
 
 /// What a core module may not mention.

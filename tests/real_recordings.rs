@@ -4,7 +4,6 @@
 //! `machines/<dataset>.toml` and the captures. Without it these tests skip themselves.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
-#![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 #![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
 
 use rotorwatch::diagnosis::baseline::Baseline;
@@ -13,6 +12,10 @@ use rotorwatch::diagnosis::fault::FaultMode;
 use rotorwatch::diagnosis::fault::State;
 use rotorwatch::diagnosis::verdict::ComponentDiagnosis;
 use rotorwatch::diagnosis::verdict::Diagnosis;
+use rotorwatch::evaluation::score;
+use rotorwatch::evaluation::score::Outcome;
+use rotorwatch::evaluation::truth::TruthRow;
+use rotorwatch::evaluation::truth::TruthTable;
 use rotorwatch::machine::file;
 use rotorwatch::offline;
 use rotorwatch::offline::Reference;
@@ -41,44 +44,6 @@ const MUST_BE_HEALTHY: [&str; 4] = [
     "adi_mfs/1800-GoB-GS-BaLo-WA-11lb.h5",
 ];
 
-/// A row of `truth.csv`.
-#[derive(Debug, Clone)]
-struct Row {
-    file: String,
-    dataset: String,
-    label: String,
-    component: String,
-    baseline: Vec<String>,
-    acceptable: Vec<String>,
-}
-
-/// How a verdict compares with the truth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Score {
-    Right,
-    Detected,
-    Undetermined,
-    Missed,
-    WrongCause,
-    FalseAlarm,
-    /// Run to failure: scored by when the alarm comes.
-    Dated,
-}
-
-impl Score {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Right => "right",
-            Self::Detected => "detected",
-            Self::Undetermined => "undetermined",
-            Self::Missed => "missed",
-            Self::WrongCause => "WRONG CAUSE",
-            Self::FalseAlarm => "FALSE ALARM",
-            Self::Dated => "dated",
-        }
-    }
-}
-
 /// The folder of the recordings, or why the test skips itself.
 fn data(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("ROTORWATCH_DATA").map(PathBuf::from);
@@ -88,44 +53,13 @@ fn data(test: &str) -> Option<PathBuf> {
     folder
 }
 
-fn truth(data: &Path) -> Vec<Row> {
+fn truth(data: &Path) -> Vec<TruthRow> {
     let text = fs::read_to_string(data.join("truth.csv")).unwrap();
-    let mut lines = text.lines();
-    let names = fields(lines.next().unwrap());
-    let list = |text: &str| -> Vec<String> {
-        text.split(';').filter(|t| !t.is_empty()).map(str::to_owned).collect()
-    };
-    lines
-        .map(|line| {
-            let values = fields(line);
-            let field = |name: &str| values[names.iter().position(|n| n == name).unwrap()].clone();
-            Row {
-                file: field("file"),
-                dataset: field("dataset"),
-                label: field("label"),
-                component: field("component"),
-                baseline: list(&field("baseline")),
-                acceptable: list(&field("acceptable")),
-            }
-        })
-        .collect()
-}
-
-/// Splits a line of CSV; a field in quotes may hold commas.
-fn fields(line: &str) -> Vec<String> {
-    let (mut fields, mut quoted) = (vec![String::new()], false);
-    for character in line.chars() {
-        match character {
-            '"' => quoted = !quoted,
-            ',' if !quoted => fields.push(String::new()),
-            other => fields.last_mut().unwrap().push(other),
-        }
-    }
-    fields
+    TruthTable::parse(&text, "truth.csv").unwrap().rows
 }
 
 /// Diagnoses a capture of a data set by nothing but its samples and attributes.
-fn diagnose(data: &Path, row: &Row, capture: &Path) -> Diagnosis {
+fn diagnose(data: &Path, row: &TruthRow, capture: &Path) -> Diagnosis {
     let machine_file = data.join("machines").join(format!("{}.toml", row.dataset));
     let text = fs::read_to_string(&machine_file).unwrap();
     let machine = file::parse(&text, &row.dataset).unwrap();
@@ -136,52 +70,9 @@ fn diagnose(data: &Path, row: &Row, capture: &Path) -> Diagnosis {
     offline::diagnose(capture, &reference, &mut |_| ()).unwrap()
 }
 
-fn fault_of(label: &str) -> Option<FaultMode> {
-    Some(match label {
-        "inner_race" => FaultMode::InnerRace,
-        "outer_race" => FaultMode::OuterRace,
-        "ball" => FaultMode::RollingElement,
-        "cage" => FaultMode::Cage,
-        "bow" => FaultMode::Bow,
-        "unbalance" => FaultMode::Unbalance,
-        "misalignment" => FaultMode::Misalignment,
-        "looseness" => FaultMode::Looseness,
-        "gear_tooth_broken" => FaultMode::ToothDamage,
-        "healthy" | "run_to_failure" => return None,
-        unknown => panic!("label {unknown:?} of truth.csv is not known here"),
-    })
-}
-
 /// Sensor faults do not count.
 fn scored(diagnosis: &Diagnosis) -> impl Iterator<Item = &ComponentDiagnosis> {
     diagnosis.components.iter().filter(|c| c.kind != ComponentKind::Sensor)
-}
-
-fn score(row: &Row, diagnosis: &Diagnosis) -> Score {
-    if row.label == "run_to_failure" {
-        return Score::Dated;
-    }
-    let accused: Vec<_> = scored(diagnosis).filter(|c| c.state.is_accusation()).collect();
-    let Some(fault) = fault_of(&row.label) else {
-        return if accused.is_empty() { Score::Right } else { Score::FalseAlarm };
-    };
-    let is_place = |c: &ComponentDiagnosis| row.component.is_empty() || c.id == row.component;
-    let names_no_cause = |c: &ComponentDiagnosis| match c.fault {
-        None => is_place(c),
-        Some(named) => named == FaultMode::AbnormalLevel,
-    };
-    let is_right = |c: &ComponentDiagnosis| c.fault == Some(fault) && is_place(c);
-    if accused.iter().any(|c| !is_right(c) && !names_no_cause(c)) {
-        Score::WrongCause
-    } else if accused.iter().any(|c| is_right(c)) {
-        Score::Right
-    } else if !accused.is_empty() {
-        Score::Detected
-    } else if scored(diagnosis).any(|c| is_place(c) && c.state == State::Undetermined) {
-        Score::Undetermined
-    } else {
-        Score::Missed
-    }
 }
 
 /// What is said of each component, for the table.
@@ -211,29 +102,27 @@ fn causes_are_right_or_not_named() {
     let (mut mistakes, mut seen) = (Vec::new(), Vec::new());
     for row in &rows {
         let diagnosis = diagnose(&data, row, &data.join(&row.file));
-        let score = score(row, &diagnosis);
-        let accepted = row.acceptable.iter().any(|name| name == score.name());
-        let remark = if score == Score::Right || score == Score::Dated {
-            ""
-        } else if accepted {
-            " (acceptable)"
-        } else {
-            " (open)"
+        let scored_row = score::score(&row.known, &row.acceptable, &diagnosis).unwrap();
+        let score = scored_row.outcome;
+        let remark = match (score, scored_row.accepted) {
+            (Outcome::Right, _) => "",
+            (_, true) => " (acceptable)",
+            (_, false) => " (open)",
         };
         println!("{:<52} {:<17} {}{remark}", row.file, row.label, score.name());
         println!("{:<52} {}", "", Verdicts(&diagnosis));
         let file = row.file.as_str();
         seen.push(file.to_owned());
         let why: Vec<String> = scored(&diagnosis).map(|c| format!("{}: {}", c.id, c.why)).collect();
-        if matches!(score, Score::WrongCause | Score::FalseAlarm) {
+        if matches!(score, Outcome::WrongCause | Outcome::FalseAlarm) {
             mistakes.push(format!("{file}: {}: {why:#?}", score.name()));
         }
-        if MUST_BE_RIGHT.contains(&file) && score != Score::Right {
+        if MUST_BE_RIGHT.contains(&file) && score != Outcome::Right {
             mistakes.push(format!("{file}: {} instead of right: {why:#?}", score.name()));
         }
         let mut bearings = scored(&diagnosis).filter(|c| c.kind == ComponentKind::Bearing);
         let healthy = diagnosis.state == State::Healthy
-            && score == Score::Right
+            && score == Outcome::Right
             && bearings.all(|c| c.state == State::Healthy);
         if MUST_BE_HEALTHY.contains(&file) && !healthy {
             mistakes.push(format!("{file}: not healthy: {why:#?}"));
@@ -250,7 +139,7 @@ fn causes_are_right_or_not_named() {
 fn names_and_order_of_files_do_not_matter() {
     let Some(data) = data("names_and_order_of_files_do_not_matter") else { return };
     let folder = tempfile::tempdir().unwrap();
-    let rows: Vec<Row> = truth(&data)
+    let rows: Vec<TruthRow> = truth(&data)
         .into_iter()
         .filter(|row| MUST_BE_RIGHT.contains(&&*row.file) || MUST_BE_HEALTHY.contains(&&*row.file))
         .collect();
@@ -271,7 +160,7 @@ fn names_and_order_of_files_do_not_matter() {
 fn a_bearing_run_to_failure_warns_late_and_before_the_end() {
     let Some(data) = data("a_bearing_run_to_failure_warns_late_and_before_the_end") else { return };
     let rows = truth(&data);
-    let rows: Vec<&Row> = rows.iter().filter(|row| row.label == "run_to_failure").collect();
+    let rows: Vec<&TruthRow> = rows.iter().filter(|row| row.label == "run_to_failure").collect();
     assert!(!rows.is_empty());
     for row in rows {
         let diagnosis = diagnose(&data, row, &data.join(&row.file));

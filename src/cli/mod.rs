@@ -10,6 +10,7 @@ pub mod terminal;
 pub mod progress;
 pub mod report;
 pub mod diagnose;
+pub mod evaluate;
 pub mod check;
 pub mod bearings;
 pub mod simulate;
@@ -77,6 +78,9 @@ pub enum Command {
     /// Say what captures show: which part is damaged, how badly, how sure that is and why
     #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
+    /// Hold verdicts on captures against what is known of them: right, undetermined, missed, wrong
+    #[command(after_help = evaluate::EXAMPLES)]
+    Evaluate(evaluate::Arguments),
     /// Check machine files, scenes, configurations and captures, and list a machine's frequencies
     #[command(after_help = check::EXAMPLES)]
     Check(check::Arguments),
@@ -119,6 +123,7 @@ pub fn run(cli: &Cli) -> ExitCode {
     }
     match &cli.command {
         Command::Diagnose(arguments) => diagnose::run(arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Check(arguments) => check::run(arguments),
         Command::Bearings(arguments) => bearings::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

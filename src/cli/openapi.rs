@@ -2,6 +2,7 @@
 
 use crate::api;
 use crate::api::wire::diagnosis;
+use crate::api::wire::evaluation;
 use clap::Args;
 use clap::ValueEnum;
 use std::process::ExitCode;
@@ -25,16 +26,20 @@ pub struct Arguments {
 pub enum Schema {
     /// What `diagnose --format json` prints: `rotorwatch.diagnosis/1`.
     Diagnosis,
+    /// What `evaluate --format json` prints: `rotorwatch.evaluation/1`.
+    Evaluation,
 }
 
 /// Prints the OpenAPI 3.1 document of the HTTP API, or a schema, as indented JSON.
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
-    match arguments.schema {
-        None => super::print(api::openapi_text().as_bytes()),
-        Some(Schema::Diagnosis) => match serde_json::to_string_pretty(&diagnosis::json_schema()) {
-            Ok(text) => super::print((text + "\n").as_bytes()),
-            Err(error) => super::fail(&error),
-        },
+    let schema = match arguments.schema {
+        None => return super::print(api::openapi_text().as_bytes()),
+        Some(Schema::Diagnosis) => diagnosis::json_schema(),
+        Some(Schema::Evaluation) => evaluation::json_schema(),
+    };
+    match serde_json::to_string_pretty(&schema) {
+        Ok(text) => super::print((text + "\n").as_bytes()),
+        Err(error) => super::fail(&error),
     }
 }

@@ -18,6 +18,7 @@ mod recordings;
 mod recorder;
 mod page;
 mod diagnose;
+mod evaluate;
 mod text_and_sound;
 mod check;
 mod demo;

@@ -6,6 +6,7 @@
 
 mod names;
 pub mod diagnosis;
+pub mod evaluation;
 pub mod bearings;
 pub mod machines;
 pub mod signals;

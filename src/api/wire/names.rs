@@ -5,6 +5,7 @@
 use crate::alarms;
 use crate::diagnosis::fault;
 use crate::diagnosis::verdict;
+use crate::evaluation::score;
 use crate::features::speed;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -148,6 +149,18 @@ names! {
 }
 
 names! {
+    /// How a verdict compares with the truth.
+    OutcomeName of score::Outcome {
+        Right = "right",
+        Detected = "detected",
+        Undetermined = "undetermined",
+        Missed = "missed",
+        WrongCause = "wrong_cause",
+        FalseAlarm = "false_alarm",
+    }
+}
+
+names! {
     /// Level of an alarm.
     LevelName of alarms::Level {
         Warning = "warning",
@@ -196,6 +209,7 @@ mod tests {
         check(speed::SpeedSource::name);
         check(verdict::OperatingState::name);
         check(verdict::DataQuality::name);
+        check(score::Outcome::name);
         check(alarms::Level::name);
         check(alarms::state::AlarmState::name);
         check(alarms::EventKind::name);

@@ -1,0 +1,143 @@
+//! `rotorwatch evaluate`: captures of which the truth is known → how often the diagnosis is right.
+//!
+//! [`table`] diagnoses what a truth table lists and scores it; [`text`] and [`files`] say what came of it. A
+//! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
+//! baselines of its row: no label, no speed and no name of the table.
+
+mod files;
+mod table;
+mod text;
+
+use super::EXIT_ERROR;
+use super::output::Output;
+use super::output::OutputError;
+use super::terminal::Page;
+use crate::api::wire::evaluation::EvaluationDocument;
+use crate::evaluation::summary::Record;
+use crate::evaluation::summary::Summary;
+use crate::evaluation::truth::TruthErrors;
+use clap::Args;
+use clap::ValueEnum;
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Shown below `--help`.
+pub const EXAMPLES: &str = "\
+Examples:
+  rotorwatch evaluate truth.csv
+  rotorwatch evaluate truth.csv --machines machines --out figures
+  rotorwatch evaluate truth.csv --format json > evaluation.json
+
+TRUTH.csv has a line a capture: file, dataset, label (healthy, a fault as in the diagnosis document, ball,
+gear_tooth_broken, run_to_failure), and may have component, baseline (captures with ; between), acceptable (verdicts
+that count as right, with ; between), role (score, baseline), severity, shaft_speed_hz, notes. Captures count from its
+folder, the machine file of a data set is DIR/DATASET.toml. The diagnosis sees neither labels nor shaft_speed_hz.
+
+right: the labelled fault at its component and nothing else accused, or healthy and nothing accused;
+detected: accused without a cause; undetermined, missed: nothing accused, the component open or called
+healthy; wrong cause: another fault or component accused; false alarm: anything accused on a healthy
+machine. A run to failure is right if its first alarm comes in its second half and before its end.
+
+Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";
+
+/// Arguments of `evaluate`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// What is known of which captures.
+    #[arg(value_name = "TRUTH.csv")]
+    pub truth: PathBuf,
+    /// Folder of the machine files, one a data set; `machines` beside TRUTH.csv by default.
+    #[arg(long, value_name = "DIR")]
+    pub machines: Option<PathBuf>,
+    /// Folder for evaluation.json, verdicts.csv and a page on each record (index.html); made if it is not there.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// What is printed.
+    #[arg(long, value_enum, default_value = "text", value_name = "FORMAT")]
+    pub format: Format,
+}
+
+/// Forms of the answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// Tables for people.
+    Text,
+    /// One JSON document: `docs/schemas/evaluation-1.schema.json`.
+    Json,
+}
+
+/// Why nothing was evaluated, or what came of it could not be written.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum EvaluateError {
+    #[error("{}: cannot be read", file.display())]
+    Read { file: PathBuf, source: io::Error },
+    #[error("{}: this is no truth table: it is longer than {limit} bytes", file.display())]
+    TooLong { file: PathBuf, limit: u64 },
+    #[error("{}: this is no truth table: it is not text in UTF-8", file.display())]
+    NoText { file: PathBuf },
+    #[error(transparent)]
+    Truth(#[from] TruthErrors),
+    #[error("{0}")]
+    Machines(String),
+    #[error("{}: cannot be made", folder.display())]
+    Folder { folder: PathBuf, source: io::Error },
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("the evaluation cannot be written as JSON")]
+    Json(#[from] serde_json::Error),
+}
+
+/// Evaluates; exit code 0, or 2 if anything could not be done.
+#[must_use]
+pub fn run(arguments: &Arguments) -> ExitCode {
+    match evaluate(arguments) {
+        Ok(records) if records.iter().all(|record| record.score.is_ok()) => ExitCode::SUCCESS,
+        Ok(_) => ExitCode::from(EXIT_ERROR),
+        Err(EvaluateError::Truth(mistakes)) => {
+            super::tell_lines(&mistakes);
+            ExitCode::from(EXIT_ERROR)
+        }
+        Err(EvaluateError::Machines(mistakes)) => {
+            super::tell_lines(&EvaluateError::Machines(mistakes));
+            ExitCode::from(EXIT_ERROR)
+        }
+        Err(error) => super::fail(&error),
+    }
+}
+
+fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
+    let task = table::Task::read(&arguments.truth, arguments.machines.as_deref())?;
+    let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
+    let mut records = Vec::new();
+    task.diagnose(arguments.format == Format::Text, &mut |case| {
+        if let Some(folder) = &mut folder {
+            folder.add(&case)?;
+        }
+        records.push(case.record);
+        Ok(())
+    })?;
+    let truth = arguments.truth.display().to_string();
+    tell(&records, &truth, arguments.format, folder)?;
+    Ok(records)
+}
+
+/// Prints what came of scored records and completes the folder, if there is one.
+fn tell(
+    records: &[Record],
+    truth: &str,
+    format: Format,
+    folder: Option<files::Folder>,
+) -> Result<(), EvaluateError> {
+    let summary = Summary::of(records);
+    let document = EvaluationDocument::new(records, &summary, truth);
+    if let Some(folder) = folder {
+        folder.finish(records, &summary, &document)?;
+    }
+    let mut stdout = Output::open(None)?;
+    match format {
+        Format::Text => stdout.write(&text::of(records, &summary, truth, &Page::of_stdout()))?,
+        Format::Json => stdout.write(&(serde_json::to_string(&document)? + "\n"))?,
+    }
+    Ok(stdout.finish()?)
+}

@@ -1,0 +1,194 @@
+//! `rotorwatch evaluate`: a truth table in, tables, a document and a folder out; nothing of the table
+//! reaches a diagnosis.
+
+use crate::impulses::Defect;
+use crate::impulses::Scene;
+use crate::impulses::files;
+use crate::support;
+use crate::support::Ended;
+use rotorwatch::capture::streaming::GrowingChannel;
+use rotorwatch::capture::streaming::GrowingSamples;
+use rotorwatch::capture::streaming::GrowingType;
+use rotorwatch::capture::streaming::StreamingWriter;
+use rotorwatch::capture::streaming::Truth;
+use rotorwatch::capture::writer::CaptureHeader;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+const HEADING: &str =
+    "file,dataset,label,severity,shaft_speed_hz,component,baseline,acceptable,role,notes\n";
+
+/// Seconds of every capture.
+const DURATION_S: f64 = 4.0;
+
+/// A folder with `machines/demo.toml`.
+fn folder() -> TempDir {
+    let dir = TempDir::new().unwrap();
+    fs::create_dir(dir.path().join("machines")).unwrap();
+    fs::write(dir.path().join("machines/demo.toml"), files::MACHINE).unwrap();
+    dir
+}
+
+fn evaluate(dir: &TempDir, arguments: &[&str]) -> Ended {
+    let mut command = support::command();
+    support::run(command.current_dir(dir.path()).arg("evaluate").args(arguments))
+}
+
+fn write(dir: &TempDir, name: &str, scene: &Scene) {
+    files::write_capture(&dir.path().join(name), scene, 1, DURATION_S).unwrap();
+}
+
+/// The one document of stdout, valid by the published schema.
+fn document(ended: &Ended) -> Value {
+    let schema = include_str!("../../docs/schemas/evaluation-1.schema.json");
+    let schema: Value = serde_json::from_str(schema).unwrap();
+    let validator = jsonschema::draft202012::new(&schema).unwrap();
+    let document: Value = serde_json::from_str(&ended.stdout).unwrap();
+    let faults: Vec<String> =
+        validator.iter_errors(&document).map(|e| format!("{}: {e}", e.instance_path())).collect();
+    assert!(faults.is_empty(), "{faults:#?}");
+    document
+}
+
+#[test]
+fn a_truth_table_is_scored_and_what_cannot_be_read_is_a_row_with_its_reason() {
+    let dir = folder();
+    write(&dir, "run 7, inner.h5", &Scene::with(Defect::InnerRace));
+    write(&dir, "healthy.h5", &Scene::healthy());
+    // The last row calls a damaged race healthy.
+    let rows = "\"run 7, inner.h5\",demo,inner_race,\"0.2 mm, pit\",99,drive-end,,,score,\"a, b\"\n\
+                healthy.h5,demo,healthy,,,,,,baseline,\n\
+                healthy.h5,demo,healthy,,,,,,,\n\
+                gone.h5,demo,outer_race,,,drive-end,,,,\n\
+                \"run 7, inner.h5\",demo,ball,,,drive-end,healthy.h5,undetermined,,\n\
+                \"run 7, inner.h5\",demo,healthy,,,,,,,\n";
+    fs::write(dir.path().join("truth.csv"), format!("{HEADING}{rows}")).unwrap();
+    let ended = evaluate(&dir, &["truth.csv", "--format", "json", "--out", "figures"]);
+    assert_eq!(ended.status.code(), Some(2), "{}", ended.stderr);
+    let told = document(&ended);
+    let records = told["records"].as_array().unwrap();
+    let outcomes: Vec<&str> =
+        records.iter().map(|r| r["outcome"].as_str().unwrap_or("none")).collect();
+    assert_eq!(outcomes, ["right", "right", "none", "wrong_cause", "false_alarm"]);
+    assert!(records[2]["error"].as_str().unwrap().contains("gone.h5"), "{}", records[2]);
+    assert_eq!(told["rates"]["false_alarm"]["count"], 1);
+    assert_eq!(told["rates"]["false_alarm"]["of"], 2);
+    assert_eq!(told["mistakes"].as_array().unwrap().len(), 2);
+    let written = fs::read_to_string(dir.path().join("figures/evaluation.json")).unwrap();
+    let written: Value = serde_json::from_str(&written).unwrap();
+    assert_eq!(written["groups"], told["groups"]);
+    let verdicts = fs::read_to_string(dir.path().join("figures/verdicts.csv")).unwrap();
+    let first = "\"run 7, inner.h5\",demo,inner_race,drive-end,\"0.2 mm, pit\",right,no,damaged,drive-end,inner_race,";
+    assert!(verdicts.lines().nth(1).unwrap().starts_with(first), "{verdicts}");
+    assert_eq!(verdicts.lines().count(), 6);
+
+    let text = evaluate(&dir, &["truth.csv"]);
+    assert_eq!(text.status.code(), Some(2), "{}", text.stderr);
+    for fact in [
+        "\nall",
+        "false alarm, of the healthy                  1   2",
+        "run 7, inner.h5 (ball): bearing drive-end: inner_race, severity",
+        "no verdict: 1\n  gone.h5: ",
+        "processor time of a diagnosis: median ",
+    ] {
+        assert!(text.stdout.contains(fact), "{fact:?}\nnot in\n{}", text.stdout);
+    }
+}
+
+/// What is said of each file, by the file's name in `names`.
+fn verdicts(dir: &TempDir, table: &str, names: &[(&str, &str)]) -> Vec<(String, Vec<Value>)> {
+    let ended = evaluate(dir, &[table, "--format", "json"]);
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+    let mut found = Vec::new();
+    for record in document(&ended)["records"].as_array().unwrap() {
+        let name = names.iter().find(|(_, name)| record["file"] == *name).unwrap().0.to_owned();
+        let accused = record["accused"].as_array().unwrap().iter();
+        let part = |a: &Value| {
+            serde_json::json!([a["component"], a["fault"], a["severity"], a["confidence"]])
+        };
+        found.push((name, accused.map(part).collect()));
+    }
+    found.sort_by(|a, b| a.0.cmp(&b.0));
+    found
+}
+
+/// Writes the samples of a scene again, with a truth and notes that say something else.
+fn write_relabelled(path: &Path, scene: &Scene) {
+    let texts = [("faults", "gear tooth_damage"), ("label", "healthy"), ("name", "normal")];
+    let texts = texts.map(|(name, text)| (name.to_owned(), text.to_owned())).to_vec();
+    let header = CaptureHeader { shaft_speed: Some(scene.shaft_speed), ..CaptureHeader::default() };
+    let truth = Truth { texts, seed: 77 };
+    let mut writer = StreamingWriter::create(path, &header, &truth).unwrap();
+    let recording = scene.record(1, DURATION_S);
+    let channels = [
+        ("drive_x", "m/s^2", &recording.x),
+        ("drive_y", "m/s^2", &recording.y),
+        ("tacho", "V", &recording.tacho),
+    ];
+    for (name, unit, _) in channels {
+        let sensor = Some("outer race, cage and ball".to_owned());
+        let (name, unit) = (name.to_owned(), Some(unit.to_owned()));
+        let number = GrowingType::F32;
+        let sample_rate = scene.sample_rate;
+        writer.channel(&GrowingChannel { name, sample_rate, unit, sensor, number }).unwrap();
+    }
+    for (at, (_, _, samples)) in channels.iter().enumerate() {
+        writer.append(at, GrowingSamples::F32(samples)).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn names_labels_and_order_never_reach_a_diagnosis() {
+    let dir = folder();
+    let scenes = [
+        ("inner.h5", "x3 healthy.h5", Scene::with(Defect::InnerRace)),
+        ("outer.h5", "x1 inner_race.h5", Scene::with(Defect::OuterRace)),
+        ("healthy.h5", "x2 outer_race.h5", Scene::healthy()),
+    ];
+    for (name, other, scene) in &scenes {
+        write(&dir, name, scene);
+        write_relabelled(&dir.path().join(other), scene);
+    }
+    let true_rows = "inner.h5,demo,inner_race,,25,drive-end,,,,\n\
+                     outer.h5,demo,outer_race,,25,drive-end,,,,\n\
+                     healthy.h5,demo,healthy,,25,,,,,\n";
+    // Another order, other names, labels and speeds, a truth inside the captures that is none.
+    let false_rows = "x1 inner_race.h5,demo,cage,big,3,drive-end,,,,worn\n\
+                      x2 outer_race.h5,demo,ball,,60,,,,,\n\
+                      x3 healthy.h5,demo,healthy,,1000,,,,,fine\n";
+    fs::write(dir.path().join("a.csv"), format!("{HEADING}{true_rows}")).unwrap();
+    fs::write(dir.path().join("b.csv"), format!("{HEADING}{false_rows}")).unwrap();
+    let own = scenes.each_ref().map(|(name, _, _)| (*name, *name));
+    let renamed = scenes.each_ref().map(|(name, other, _)| (*name, *other));
+    let first = verdicts(&dir, "a.csv", &own);
+    assert_eq!(first, verdicts(&dir, "b.csv", &renamed));
+    let accused: Vec<usize> = first.iter().map(|(_, accused)| accused.len()).collect();
+    assert_eq!(accused, [0, 1, 1], "healthy, inner, outer: {first:?}");
+}
+
+#[test]
+fn what_is_missing_is_told_at_once_before_any_work() {
+    let dir = folder();
+    let rows = "x.h5,demo,healthy,,,,,,,\ny.h5,pump,healthy,,,,,,,\nz.h5,fan,bow,,,,,,,\n";
+    fs::write(dir.path().join("truth.csv"), format!("{HEADING}{rows}")).unwrap();
+    let ended = evaluate(&dir, &["truth.csv", "--out", "figures"]);
+    assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(2), ""));
+    let told: Vec<&str> = ended.stderr.lines().collect();
+    assert_eq!(told.len(), 2, "{}", ended.stderr);
+    assert!(
+        told[0].contains("truth.csv:4: dataset `fan`: there is no machine file machines/fan.toml")
+    );
+    assert!(told[1].contains("truth.csv:3: dataset `pump`: there is no machine file"));
+    assert!(!dir.path().join("figures").exists());
+
+    fs::write(dir.path().join("truth.csv"), format!("{HEADING}x.h5,demo,rust,,,,,,,\n")).unwrap();
+    let ended = evaluate(&dir, &["truth.csv"]);
+    assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(2), ""));
+    assert!(ended.stderr.starts_with("truth.csv:2: label `rust` is not known"), "{}", ended.stderr);
+    let ended = evaluate(&dir, &["none.csv"]);
+    assert_eq!(ended.status.code(), Some(2));
+    assert!(ended.stderr.starts_with("error: none.csv: cannot be read"), "{}", ended.stderr);
+}
