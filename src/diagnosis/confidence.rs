@@ -94,6 +94,7 @@ mod tests {
                 harmonics: [Some(fundamental), Some(second), None, None],
                 side_band: None,
                 shaft_depth: 0.0,
+                slower: None,
                 mean_square: 1.0,
             }
         };

@@ -88,7 +88,7 @@ impl<'a> Candidate<'a> {
     /// Weighs one search, leaving out readings that accepted lines or the shaft's events explain.
     /// `n_looks`: searches of this bearing among which the strongest is picked.
     pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
-        Self::weigh_those(search, accepted, n_looks, |r| !r.is_modulated_shaft())
+        Self::weigh_those(search, accepted, n_looks, |r| !r.is_explained())
     }
 
     /// Weighs one search, those readings included that the shaft's events explain.
@@ -146,6 +146,13 @@ impl<'a> Candidate<'a> {
         self.least_depth() >= severity::WARNING_DEPTH
     }
 
+    /// Whether it is a rolling element's line without the side bands of the cage: a damaged element goes
+    /// through the load zone at FTF.
+    pub(super) fn is_bare(&self) -> bool {
+        let frequency = self.best.map_or(Hz(0.0), |best| best.frequency);
+        self.search.line == DefectLine::TwoBsf && !owner::has_side_bands(self.search, frequency)
+    }
+
     /// Lower end of the depth: noise adds to an amplitude with a standard deviation of 1/√(2·R) of it,
     /// R its power over the noise's.
     fn least_depth(&self) -> f64 {
@@ -167,8 +174,9 @@ pub(super) fn n_looks(features: &WindowFeatures, bearing: BearingIndex) -> f64 {
 pub(super) fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
     let mut accepted = Vec::new();
     accept_among(features, &mut accepted, |line| line != DefectLine::Ftf);
-    let with_race: Vec<BearingIndex> =
+    let mut with_race: Vec<BearingIndex> =
         accepted.iter().flat_map(|a| a.owners.iter().map(|s| s.bearing)).collect();
+    with_race.extend(doubtful_races(features, &accepted));
     accept_among(features, &mut accepted, |line| line == DefectLine::Ftf);
     accepted.retain_mut(|found| {
         let was_owned = !found.owners.is_empty();
@@ -176,6 +184,19 @@ pub(super) fn accept(features: &WindowFeatures) -> Vec<Accepted<'_>> {
         !was_owned || !found.owners.is_empty()
     });
     accepted
+}
+
+/// Bearings with another line than the cage's that stands, whatever explains it: its elements may be
+/// what the cage carries around.
+fn doubtful_races<'a>(
+    features: &'a WindowFeatures,
+    accepted: &'a [Accepted<'_>],
+) -> impl Iterator<Item = BearingIndex> + 'a {
+    let of_elements = features.bearing_lines.iter().filter(|s| s.line != DefectLine::Ftf);
+    of_elements
+        .map(|s| Candidate::weigh_all(s, accepted, n_looks(features, s.bearing)))
+        .filter(Candidate::is_proven)
+        .map(|c| c.search.bearing)
 }
 
 pub(super) fn accept_among<'a>(

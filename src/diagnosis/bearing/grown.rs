@@ -50,7 +50,7 @@ pub(super) fn strongest<'a>(
         // A baseline is of one speed.
         .filter(|_| !features.speed.is_transient())
         .filter(|l| l.bearing == bearing && l.line != DefectLine::Ftf)
-        .filter(|l| !l.reading.is_modulated_shaft())
+        .filter(|l| !l.reading.is_explained())
         .collect();
     let looks = of_bearing.len() as f64;
     let grown = of_bearing.into_iter().filter_map(|line| {

@@ -71,12 +71,13 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let mut proven: Vec<&Candidate<'_>> = Vec::new();
-    let (mut shared, mut near_limit) = (Vec::new(), None);
+    let (mut shared, mut near_limit, mut bare) = (Vec::new(), None, None);
     for found in accepted {
         let own = candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search));
         for candidate in own {
             match found.others(candidate.search) {
                 _ if !candidate.is_surely_deep() => near_limit = near_limit.or(Some(candidate)),
+                _ if candidate.is_bare() => bare = bare.or(Some(candidate)),
                 others if others.is_empty() => proven.push(candidate),
                 others => shared.push((candidate, others)),
             }
@@ -99,7 +100,9 @@ fn judge_one(
                 let near_limit = near_limit.filter(|c| {
                     !grown::is_as_when_healthy(bearing, c.search.line, features, context)
                 });
-                match near_limit.map(|c| too_near(c, context)).or_else(|| ambiguous(&doubtful)) {
+                let near_limit = near_limit.map(|c| too_near(c, context));
+                let bare = bare.map(|c| without_cage(c, context));
+                match bare.or(near_limit).or_else(|| ambiguous(&doubtful)) {
                     Some(why) => verdict.why = why,
                     None => acquit(&mut verdict, &candidates, &searches, accepted, features),
                 }
@@ -116,6 +119,14 @@ fn judge_one(
 fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
     let limit = severity::WARNING_DEPTH;
     format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
+}
+
+/// Why a rolling element's line alone does not accuse.
+fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; without side bands at FTF it may as well come from elsewhere: not accused",
+        sentence(line, context)
+    )
 }
 
 /// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.

@@ -106,6 +106,8 @@ pub struct BandReading {
     pub side_band: Option<Harmonic>,
     /// Depth of the deeper of the two shaft harmonics around the fundamental; 0 if neither can be read.
     pub shaft_depth: f64,
+    /// A slower rate whose harmonic the line is: what is struck at that rate has lines at every multiple.
+    pub slower: Option<Hz>,
     /// Mean of the squared envelope, u².
     pub mean_square: f64,
 }
@@ -120,6 +122,13 @@ impl BandReading {
     #[must_use]
     pub fn is_modulated_shaft(&self) -> bool {
         self.harmonics[0].is_some_and(|h| h.depth <= FULL_MODULATION * self.shaft_depth)
+    }
+
+    /// Whether something else than a defect explains the fundamental: the shaft's events, or strikes at a
+    /// slower rate.
+    #[must_use]
+    pub fn is_explained(&self) -> bool {
+        self.slower.is_some() || self.is_modulated_shaft()
     }
 
     /// Root of the summed squared depths of all harmonics read: the effect size D (F8).
@@ -252,7 +261,7 @@ pub fn read_line(
     let (low, high) = searched_range(task.line, task.expected, task.band);
     let first = bin_at(low.0, spectrum.bin_hz);
     let last = bin_at(high.0, spectrum.bin_hz);
-    let found = strongest(spectrum, task, first, last)?;
+    let found = strongest_line(spectrum, task, first, last)?;
     let n_cells = searched_cells(first, last, spectrum);
     let mut harmonics = [None; N_HARMONICS];
     harmonics[0] = measure(spectrum, task, found, n_cells, scratch);
@@ -280,12 +289,14 @@ pub fn read_line(
     }
     let frequency = sums.0 / sums.1 * spectrum.bin_hz;
     let side_band = side_band(spectrum, task, frequency, scratch);
+    let slower = slower_rate(spectrum, task, (frequency, fundamental.depth), scratch);
     Some(BandReading {
         band,
         frequency: Hz(frequency),
         harmonics,
         side_band,
         shaft_depth: shaft_depth(spectrum, task, frequency),
+        slower,
         mean_square: spectrum.mean_square,
     })
 }
@@ -313,6 +324,52 @@ fn side_band(
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
 }
 
+/// Highest multiple of a slower rate that a line is checked for: shafts have knocks, and bearings of
+/// fewer than a dozen elements other lines, this far below a defect's.
+const HIGHEST_MULTIPLE: u32 = 12;
+
+/// A slower rate's line must be this part as high: strikes have lines of heights that fall with the rate.
+const EQUAL_HEIGHT: f64 = 0.5;
+
+/// A rate and its m-th harmonic are found this near to a multiple, cells: an amplitude 11 dB over the noise
+/// places a line within a tenth of a cell, and that counts m times.
+const MULTIPLE_TOLERANCE: f64 = 0.6;
+
+/// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
+/// least half as deep. Half the rate of a rolling element's line is its own: one race struck.
+fn slower_rate(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    (frequency_hz, depth): (f64, f64),
+    scratch: &mut Vec<f32>,
+) -> Option<Hz> {
+    let tolerance_hz = MULTIPLE_TOLERANCE / spectrum.duration_s;
+    let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
+    (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
+        let centre = bin_at(frequency_hz / multiple, spectrum.bin_hz);
+        let at = strongest_peak(spectrum, centre.saturating_sub(1)..=centre + 1)?;
+        let (place, height) = peak(spectrum.depth, at);
+        let slower_hz = place * spectrum.bin_hz;
+        let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;
+        let is_equal = is_multiple && height >= EQUAL_HEIGHT * depth;
+        let found = measure(spectrum, task, at, 3.0, scratch).filter(|_| is_equal)?;
+        (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
+    })
+}
+
+/// Strongest local maximum among `bins`: a bin beside a higher one is the skirt of another line.
+fn strongest_peak(
+    spectrum: &DepthSpectrum<'_>,
+    bins: std::ops::RangeInclusive<usize>,
+) -> Option<usize> {
+    let depth = spectrum.depth;
+    let is_peak = |k: &usize| depth[*k] >= depth[*k - 1] && depth[*k] >= depth[*k + 1];
+    let (first, last) = (*bins.start().max(&2), *bins.end());
+    (first..=last.min(depth.len().saturating_sub(2)))
+        .filter(is_peak)
+        .max_by(|a, b| depth[*a].total_cmp(&depth[*b]))
+}
+
 /// Depth of the deeper of the shaft harmonics below and above `frequency_hz`; one whose lobe meets the
 /// line's own is not read.
 fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: f64) -> f64 {
@@ -332,6 +389,23 @@ fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: 
             highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
         })
         .fold(0.0, f64::max)
+}
+
+/// Strongest local maximum of `first..=last` that no known line covers: what rises towards a bin
+/// beside it is the skirt of a line there.
+fn strongest_line(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    first: usize,
+    last: usize,
+) -> Option<usize> {
+    let depth = spectrum.depth;
+    (first.max(2)..=last.min(depth.len().saturating_sub(2)))
+        .filter(|k| depth[*k] >= depth[*k - 1] && depth[*k] >= depth[*k + 1])
+        .filter(|k| {
+            coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none()
+        })
+        .max_by(|a, b| depth[*a].total_cmp(&depth[*b]))
 }
 
 /// Strongest bin of `first..=last` that no known line covers.
@@ -382,20 +456,26 @@ fn measure(
     })
 }
 
-/// Height of the line whose highest bin is `at` (F6): the vertex of the parabola through the
-/// logarithms of three bins. The spectrum is padded twice, so the bins lie half a resolution step
-/// apart and the height of a lone line is found within 0.3 %, where the bin itself may be 4 % low.
-/// A bin that is no local maximum is read as it is.
+/// Height of the line whose highest bin is `at` (F6).
 fn peak_height(depth: &[f32], at: usize) -> f64 {
+    peak(depth, at).1
+}
+
+/// Place, in bins, and height of the line whose highest bin is `at` (F6): the vertex of the parabola
+/// through the logarithms of three bins. The spectrum is padded twice, so the bins lie half a resolution
+/// step apart and the height of a lone line is found within 0.3 %, where the bin itself may be 4 %
+/// low. A bin that is no local maximum is read as it is.
+fn peak(depth: &[f32], at: usize) -> (f64, f64) {
     let value = |k: usize| depth.get(k).map_or(0.0, |v| f64::from(*v));
     let (left, centre, right) = (value(at.wrapping_sub(1)), value(at), value(at + 1));
     let is_peak = left > 0.0 && right > 0.0 && centre >= left && centre >= right;
     let (a, b, c) = (left.ln(), centre.ln(), right.ln());
     let curvature = a - 2.0 * b + c;
     if !is_peak || curvature >= 0.0 {
-        return centre;
+        return (at as f64, centre);
     }
-    (b - (a - c).powi(2) / (8.0 * curvature)).exp()
+    let shift = 0.5 * (a - c) / curvature;
+    (at as f64 + shift, (b - (a - c).powi(2) / (8.0 * curvature)).exp())
 }
 
 fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {

@@ -52,7 +52,7 @@ fn may_stand_at(search: &LineSearch, frequency: Hz) -> bool {
 
 /// Whether side bands at the spacing of `search` stand beside its line found at `frequency` in most
 /// of the bands where it was found there.
-fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
+pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
     let readings = search.outcome.as_deref().unwrap_or(&[]);
     let here: Vec<&BandReading> = readings
         .iter()

@@ -1,0 +1,103 @@
+//! Records made on the fly with a known answer, to try the diagnosis on: of a stand in closed form
+//! ([`stand`]), and of the simulated rig ([`rig`]).
+//!
+//! A trial hands the monitor samples, channels and what a machine file would say, nothing of the
+//! answer; the verdict is scored like that on any recording. Pure: the seed makes the record. Must not know
+//! files, the clock, or how verdicts come about.
+
+pub mod motion;
+pub mod stand;
+pub mod vibration;
+
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::evaluation::truth::Known;
+use crate::machine::Machine;
+use crate::pipeline::Monitor;
+use crate::pipeline::MonitorError;
+use crate::pipeline::Outcome;
+use crate::pipeline::Settings;
+use crate::pipeline::SpeedHints;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use std::sync::Arc;
+
+/// Longest window, s: a trial is one window.
+const WINDOW_S: f64 = 12.0;
+
+/// Samples of all channels of a machine, and what a monitor is told beside them.
+#[derive(Debug, Clone)]
+pub struct Measured {
+    /// The machine.
+    pub machine: Arc<Machine>,
+    /// The channels.
+    pub channels: Vec<ChannelInfo>,
+    /// Samples of each channel.
+    pub samples: Vec<Vec<f32>>,
+    /// Speeds that are written down somewhere.
+    pub hints: SpeedHints,
+}
+
+/// A record and its answer.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    /// What kind of trial it is, for tables.
+    pub group: String,
+    /// What is wrong, for tables.
+    pub label: String,
+    /// Which one: enough to make it again.
+    pub name: String,
+    /// The answer.
+    pub known: Known,
+    /// The record.
+    pub measured: Measured,
+    /// Healthy records to hold it against.
+    pub baseline: Baseline,
+}
+
+impl Trial {
+    /// What the monitor says of it; `None` if there is nothing to judge.
+    ///
+    /// # Errors
+    /// When no sensor of the machine has a channel.
+    pub fn diagnose(&self) -> Result<Option<Diagnosis>, MonitorError> {
+        let (monitor, outcomes) = self.measured.run(self.baseline.clone())?;
+        let judged: Vec<_> = outcomes.into_iter().map(|o| o.judged).collect();
+        Ok(monitor.conclude(&judged))
+    }
+}
+
+impl Measured {
+    /// The record as a baseline's.
+    ///
+    /// # Errors
+    /// When no sensor of the machine has a channel.
+    pub fn learn(&self, name: &str) -> Result<Record, MonitorError> {
+        let (monitor, outcomes) = self.run(Baseline::default())?;
+        let windows: Vec<_> = outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
+        Ok(Record::of_windows(name, &windows, monitor.channels()))
+    }
+
+    fn run(&self, baseline: Baseline) -> Result<(Monitor, Vec<Outcome>), MonitorError> {
+        let settings =
+            Settings { window_s: WINDOW_S, hop_s: WINDOW_S, baseline, ..Settings::default() };
+        let machine = Arc::clone(&self.machine);
+        let mut monitor = Monitor::new(machine, self.channels.clone(), self.hints, &settings)?;
+        let mut outcomes = Vec::new();
+        for (index, samples) in self.samples.iter().enumerate() {
+            let block = Block {
+                channel: ChannelIndex(index),
+                start: SampleIndex(0),
+                segment: 0,
+                time_s: 0.0,
+                samples: samples.clone(),
+            };
+            monitor.step(&block, &mut |outcome| outcomes.push(outcome));
+        }
+        monitor.finish(&mut |outcome| outcomes.push(outcome));
+        Ok((monitor, outcomes))
+    }
+}
