@@ -21,6 +21,7 @@ pub mod window;
 mod butterfly;
 mod grid;
 mod split;
+mod power_sums;
 mod inverse;
 mod forward;
 pub mod fft;
