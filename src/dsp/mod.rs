@@ -63,6 +63,8 @@ pub mod comb;
 pub mod speed_track;
 
 #[cfg(test)]
+mod drift;
+#[cfg(test)]
 mod hard_cases;
 #[cfg(test)]
 mod reference;
