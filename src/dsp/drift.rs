@@ -4,6 +4,8 @@
 //! `history`, counted revolutions in `pulses`, summed ones in `speed_track`. All else in `dsp` begins
 //! anew with each record. Must not be used outside tests.
 
+#![expect(clippy::print_stdout, reason = "the figures of the documents")]
+
 use crate::dsp::butterworth;
 use crate::dsp::butterworth::Pass;
 use crate::dsp::moments::Moments;

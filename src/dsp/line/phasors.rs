@@ -302,10 +302,6 @@ mod tests {
                 *half = half.max(error);
             }
             let cycles = units as f64 * 2f64.powi(-40) * 1e9;
-            println!(
-                "{cycles:.1e} cycles: {:.1e} rad in the first 1e6 samples, {:.1e}",
-                worst[0], worst[1]
-            );
             // The phase is a product, not a sum: half a last digit of the cycles, whatever came before,
             // and the rounding of up to 16 turns.
             assert!(worst[1] < TAU * cycles * 0.5 * f64::EPSILON + 1e-14, "{units}: {worst:?}");

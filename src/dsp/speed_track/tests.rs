@@ -181,7 +181,6 @@ fn the_angle_of_1e9_samples_does_not_drift() {
         (track.revolutions_at(time_s).unwrap() - 29.7 * time_s).abs()
     });
     let worst = errors.fold(0.0, f64::max);
-    println!("angle after 1e5 s: {worst:.1e} revolutions");
     // Each addition may round by half a last digit of 3·10⁶ revolutions, 2.3e-10, all of one sign at
     // worst where the same step meets the same digits: 4·10⁵ of them.
     assert!(worst < 1e-4, "{worst}");
