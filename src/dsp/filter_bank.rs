@@ -6,18 +6,23 @@
 use std::f64::consts::PI;
 use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
 
 use pulp::Arch;
-use rustfft::Fft;
+use pulp::Simd;
+use pulp::WithSimd;
 use rustfft::num_complex::Complex;
-use rustfft::num_traits::Zero;
 
 use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
+use crate::dsp::grid::Grid;
+use crate::dsp::inverse::Inverse;
+use crate::dsp::inverse::Workspace;
 use crate::dsp::length::quick_len_at_least;
+use crate::dsp::power_sums;
+use crate::dsp::power_sums::PowerSums;
 use crate::dsp::real::Real;
 use crate::dsp::real::floor_index;
+use crate::dsp::split::Split;
 
 /// Bins a band must hold: with fewer any figure of its envelope is noise.
 pub const MIN_BINS: usize = 16;
@@ -62,33 +67,76 @@ impl Band {
 
 /// Complex envelopes of all bands of a tree (D43).
 ///
-/// The envelope is sampled 2L times, L at least the bins of the band: the even ones are the inverse
-/// transform of the bins at L points, the odd ones that of the bins turned by e^(jπk/L). Two transforms
-/// of L cost less than one of 2L whose input is half zeros.
+/// An envelope is sampled 2L times, L at least the bins of the band: the even samples are the inverse
+/// transform of the bins at L points, the odd ones that of the bins turned by e^(jπk/L). Bins keep
+/// their frequency, k modulo L, so the even samples of a band are also the sum of all samples of its
+/// two halves, whose L is half as large: one transform a band is enough, but for the narrowest.
 pub(in crate::dsp) struct FilterBank<T: Real> {
     n: usize,
     bands: Vec<Band>,
+    nodes: Vec<Node>,
     widths: Vec<Width<T>>,
-    /// Σ|X|² of the bins before each, in f64.
-    powers: Vec<f64>,
-    z: Vec<Complex<T>>,
-    scratch: Vec<Complex<T>>,
+    /// The spectrum, of unit mean power of a bin.
+    x: Split<T>,
+    workspace: Workspace<T>,
+    /// Two bands of each generation, side by side until they are added.
+    samples: Vec<[Split<T>; 2]>,
+}
+
+/// Where a band stands in the tree.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    width: usize,
+    /// Its halves, if their samples can be added.
+    halves: Option<[usize; 2]>,
+    is_half: bool,
+    /// Generations below whose samples are added.
+    n_added: u32,
 }
 
 /// What the bands of one width share.
 struct Width<T: Real> {
-    /// Place in the list of bands behind the last of this width.
-    end: usize,
-    inverse: Arc<dyn Fft<T>>,
-    /// e^(jπk/L), as many as bins of the widest band.
-    half_step: Vec<Complex<T>>,
+    inverse: Inverse<T>,
+    /// e^(jπk/L), k < L.
+    half_step: Split<T>,
 }
 
-/// Which samples of an envelope.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::dsp) enum Half {
-    Even,
-    Odd,
+impl<T: Real> Width<T> {
+    fn new(length: usize, cache: &mut FftCache<T>) -> Self {
+        let mut half_step = Split::zeros(length);
+        for k in 0..length {
+            let (sin, cos) = (PI * k as f64 / length as f64).sin_cos();
+            (half_step.re[k], half_step.im[k]) = (T::rounded(cos), T::rounded(sin));
+        }
+        Self { inverse: Inverse::new(length, cache), half_step }
+    }
+
+    /// Puts bins where the inverse has them, turned by e^(jπk/L) for the `odd` samples.
+    fn lay_out(&self, x: &Split<T>, bins: Range<usize>, odd: bool, grid: &mut Grid<T>) {
+        let length = self.inverse.len();
+        let (first, n) = (bins.start % length, bins.len());
+        let n_before = n.min(length - first);
+        for list in [&mut grid.re, &mut grid.im] {
+            list[first + n_before..length].fill(T::zero());
+            list[n - n_before..first].fill(T::zero());
+        }
+        let middle = bins.start + n_before;
+        for (bins, place) in [(bins.start..middle, first), (middle..bins.end, 0)] {
+            let places = place..place + bins.len();
+            // e^(jπ) for every L bins.
+            let is_negative = !(bins.start / length).is_multiple_of(2);
+            let from = (&x.re[bins.clone()], &x.im[bins]);
+            let turns = (&self.half_step.re[places.clone()], &self.half_step.im[places.clone()]);
+            let to = (&mut grid.re[places.clone()], &mut grid.im[places]);
+            if odd {
+                let sign = if is_negative { -T::one() } else { T::one() };
+                Arch::new().dispatch(Turn { from, turns, sign, to });
+            } else {
+                to.0.copy_from_slice(from.0);
+                to.1.copy_from_slice(from.1);
+            }
+        }
+    }
 }
 
 impl<T: Real> FilterBank<T> {
@@ -99,125 +147,233 @@ impl<T: Real> FilterBank<T> {
         cache: &mut FftCache<T>,
     ) -> Self {
         assert!(n > 0, "a spectrum of at least one sample");
-        let (mut bands, mut widths) = (Vec::new(), Vec::new());
-        for n_of_width in band_counts(depth) {
+        let of_width = |count| (0..count).filter_map(move |j| band(n, count, j, &usable));
+        let (mut bands, mut counts) = (Vec::new(), Vec::new());
+        for count in band_counts(depth) {
+            let of_width = of_width.clone();
             let first = bands.len();
-            bands.extend((0..n_of_width).filter_map(|j| band(n, n_of_width, j, &usable)));
-            let Some(widest) = bands[first..].iter().map(Band::n_bins).max() else { continue };
-            let length = quick_len_at_least(widest);
-            let turn = |k: usize| {
-                let (sin, cos) = (PI * k as f64 / length as f64).sin_cos();
-                Complex::new(T::rounded(cos), T::rounded(sin))
-            };
-            let half_step = (0..widest).map(turn).collect();
-            let inverse = cache.complex_inverse(length);
-            widths.push(Width { end: bands.len(), inverse, half_step });
+            bands.extend(of_width(count));
+            if bands.len() > first {
+                counts.push(count);
+            }
         }
-        let most = |size: fn(&Width<T>) -> usize| widths.iter().map(size).max().unwrap_or(0);
-        let z = vec![Complex::zero(); most(|width| width.inverse.len())];
-        let scratch = vec![Complex::zero(); most(|width| width.inverse.get_inplace_scratch_len())];
-        Self { n, bands, widths, powers: vec![0.0; fft::n_bins(n) + 1], z, scratch }
+        let lengths = lengths(&bands, &counts);
+        let widths: Vec<_> = lengths.iter().map(|length| Width::new(*length, cache)).collect();
+        let nodes = nodes(&bands, &counts);
+        let n_generations = nodes.iter().map(|node| node.n_added as usize + 1).max().unwrap_or(0);
+        let longest = |generation: usize| {
+            let own = nodes.iter().filter(|node| node.n_added as usize == generation);
+            2 * own.map(|node| lengths[node.width]).max().unwrap_or(0)
+        };
+        let samples = (0..n_generations)
+            .map(|generation| [(); 2].map(|()| Split::zeros(longest(generation))))
+            .collect();
+        let workspace = Workspace::new(widths.iter().map(|width| &width.inverse));
+        let x = Split::zeros(fft::n_bins(n));
+        Self { n, bands, nodes, widths, x, workspace, samples }
     }
 
     pub(in crate::dsp) fn bands(&self) -> &[Band] {
         &self.bands
     }
 
-    /// Samples L of half an envelope, by width.
-    pub(in crate::dsp) fn half_lengths(&self) -> impl Iterator<Item = usize> {
-        self.widths.iter().map(|width| width.inverse.len())
+    /// Samples 2L of an envelope, by width.
+    pub(in crate::dsp) fn lengths(&self) -> impl Iterator<Item = usize> {
+        self.widths.iter().map(|width| 2 * width.inverse.len())
     }
 
-    /// Sums the powers up to each bin, one after another; returns the total.
-    fn sum_powers(&mut self, x_hat: &[Complex<T>]) -> f64 {
-        let mut sum = 0.0;
-        for (to, x) in self.powers[1..].iter_mut().zip(x_hat) {
-            sum += power_of(*x);
-            *to = sum;
-        }
-        sum
-    }
-
-    /// Calls `measure` with each band and what gives the two halves of its complex envelope, of unit
-    /// mean square; `None` where nothing but rounding is in the band.
+    /// Calls `measure` once with each band, in any order, and its complex envelope; `None` where nothing
+    /// but rounding is in the band.
     pub(in crate::dsp) fn for_each(
         &mut self,
         x_hat: &[Complex<T>],
         mut measure: impl FnMut(usize, &Band, Option<Envelope<'_, T>>),
     ) {
         assert_eq!(x_hat.len(), fft::n_bins(self.n), "bins of the plan");
-        let total = self.sum_powers(x_hat);
-        let least = T::EPSILON * T::EPSILON * ROUNDING * total / x_hat.len() as f64;
-        let mut first = 0;
-        for width in &self.widths {
-            for (index, band) in self.bands[..width.end].iter().enumerate().skip(first) {
-                let bins = &x_hat[band.bins()];
-                let mut power = self.powers[band.end_bin] - self.powers[band.start_bin];
-                if power < SURE_DIFFERENCE * total {
-                    power = bins.iter().map(|x| power_of(*x)).sum();
-                }
-                if power <= least * bins.len() as f64 || power < f64::MIN_POSITIVE {
-                    measure(index, band, None);
-                    continue;
-                }
-                let z = &mut self.z[..width.inverse.len()];
-                let scale = 1.0 / power.sqrt();
-                measure(
-                    index,
-                    band,
-                    Some(Envelope { bins, scale, width, z, scratch: &mut self.scratch }),
-                );
-            }
-            first = width.end;
+        let mean = total_power(x_hat) / x_hat.len() as f64;
+        if mean < f64::MIN_POSITIVE {
+            let bands = self.bands.iter().enumerate();
+            bands.for_each(|(index, band)| measure(index, band, None));
+            return;
+        }
+        fill_scaled(x_hat, 1.0 / mean.sqrt(), &mut self.x);
+        let Self { bands, nodes, widths, x, workspace, samples, .. } = self;
+        let least = T::EPSILON * T::EPSILON * ROUNDING;
+        let mut measure_all = |index: usize, samples: &Split<T>, sums: PowerSums| {
+            let (band, node): (&Band, &Node) = (&bands[index], &nodes[index]);
+            let length = 2 * widths[node.width].inverse.len();
+            // Parseval: in units of the mean power of a bin.
+            let power = sums.second / length as f64;
+            let is_rounding =
+                power <= least * band.n_bins() as f64 || power * mean < f64::MIN_POSITIVE;
+            let (re, im) = (&samples.re[..length], &samples.im[..length]);
+            let envelope = Envelope { re, im, sums, n_added: node.n_added };
+            measure(index, band, (!is_rounding).then_some(envelope));
+        };
+        let mut walk = Walk { bands, nodes, widths, x, workspace, measure: &mut measure_all };
+        for root in (0..nodes.len()).filter(|index| !nodes[*index].is_half) {
+            walk.envelope(root, 0, &mut samples[..=nodes[root].n_added as usize]);
         }
     }
 }
 
-/// Part of a sum below which a difference of two parts has lost six of its sixteen digits.
-const SURE_DIFFERENCE: f64 = 1e-10;
+/// The way through the tree, halves first.
+struct Walk<'a, T: Real, F> {
+    bands: &'a [Band],
+    nodes: &'a [Node],
+    widths: &'a [Width<T>],
+    x: &'a Split<T>,
+    workspace: &'a mut Workspace<T>,
+    measure: &'a mut F,
+}
 
-/// A band on its way to its envelope.
-pub(in crate::dsp) struct Envelope<'a, T: Real> {
-    bins: &'a [Complex<T>],
-    /// Makes the mean square 1 (Parseval).
-    scale: f64,
-    width: &'a Width<T>,
-    z: &'a mut [Complex<T>],
-    scratch: &'a mut [Complex<T>],
+impl<T: Real, F: FnMut(usize, &Split<T>, PowerSums)> Walk<'_, T, F> {
+    /// Computes the samples of a band into the list `side` of the last generation of `samples`.
+    fn envelope(&mut self, index: usize, side: usize, samples: &mut [[Split<T>; 2]]) {
+        let (node, Some((own, below))) = (self.nodes[index], samples.split_last_mut()) else {
+            return;
+        };
+        let own = &mut own[side];
+        let length = self.widths[node.width].inverse.len();
+        let mut sums = PowerSums::default();
+        if let Some(halves) = node.halves {
+            for (side, half) in halves.into_iter().enumerate() {
+                self.envelope(half, side, below);
+            }
+            if let Some([a, b]) = below.last() {
+                let to = [&mut own.re[..length], &mut own.im[..length]];
+                sums += power_sums::of_sum([&a.re, &a.im], [&b.re, &b.im], to);
+            }
+        } else {
+            sums += self.transform(index, false, 0..length, own);
+        }
+        sums += self.transform(index, true, length..2 * length, own);
+        (self.measure)(index, own, sums);
+    }
+
+    /// Writes even or odd samples.
+    fn transform(
+        &mut self,
+        index: usize,
+        odd: bool,
+        places: Range<usize>,
+        own: &mut Split<T>,
+    ) -> PowerSums {
+        let width = &self.widths[self.nodes[index].width];
+        width.lay_out(self.x, self.bands[index].bins(), odd, &mut self.workspace.grid);
+        let results = width.inverse.run(self.workspace);
+        results.split_to(&mut own.re[places.clone()], &mut own.im[places])
+    }
+}
+
+/// The complex envelope of a band, its samples in an order of their own.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::dsp) struct Envelope<'a, T> {
+    pub(in crate::dsp) re: &'a [T],
+    pub(in crate::dsp) im: &'a [T],
+    /// Over all samples.
+    pub(in crate::dsp) sums: PowerSums,
+    n_added: u32,
+}
+
+impl<T> Envelope<'_, T> {
+    /// Samples that follow each other at equal distances: the places they stand at, the time of the
+    /// first and from one to the next, in samples.
+    pub(in crate::dsp) fn runs(&self) -> impl Iterator<Item = (Range<usize>, usize, usize)> {
+        let (n, n_added) = (self.re.len(), self.n_added);
+        let odd = (0..=n_added).map(move |k| (n >> (k + 1)..n >> k, 1 << k, 2 << k));
+        odd.chain([(0..n >> (n_added + 1), 0, 2 << n_added)])
+    }
+}
+
+struct Turn<'a, T> {
+    from: (&'a [T], &'a [T]),
+    turns: (&'a [T], &'a [T]),
+    sign: T,
+    to: (&'a mut [T], &'a mut [T]),
+}
+
+impl<T: Real> WithSimd for Turn<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.from.0.len();
+        let (x_re, x_im) = (&self.from.0[..n], &self.from.1[..n]);
+        let (cos, sin) = (&self.turns.0[..n], &self.turns.1[..n]);
+        let (re, im) = (&mut self.to.0[..n], &mut self.to.1[..n]);
+        for i in 0..n {
+            let (cos, sin) = (self.sign * cos[i], self.sign * sin[i]);
+            (re[i], im[i]) = (x_re[i] * cos - x_im[i] * sin, x_re[i] * sin + x_im[i] * cos);
+        }
+    }
 }
 
 /// Scales that any spectrum survives in f32.
 const SAFE_SCALES: Range<f64> = 1e-30..1e30;
 
-impl<T: Real> Envelope<'_, T> {
-    /// Computes the even or the odd samples.
-    pub(in crate::dsp) fn half(&mut self, half: Half) -> &mut [Complex<T>] {
-        let (z, padding) = self.z.split_at_mut(self.bins.len());
-        let (bins, turns) = (self.bins, &self.width.half_step);
-        if SAFE_SCALES.contains(&self.scale) {
-            let scale = T::rounded(self.scale);
-            Arch::new().dispatch(
-                #[inline(always)]
-                || match half {
-                    Half::Even => z.iter_mut().zip(bins).for_each(|(z, x)| *z = x.scale(scale)),
-                    Half::Odd => {
-                        for ((z, x), turn) in z.iter_mut().zip(bins).zip(turns) {
-                            *z = x.scale(scale) * *turn;
-                        }
-                    }
-                },
-            );
-        } else {
-            for ((z, x), turn) in z.iter_mut().zip(bins).zip(turns) {
-                let (re, im) = (x.re.to_f64() * self.scale, x.im.to_f64() * self.scale);
-                let x = Complex::new(T::rounded(re), T::rounded(im));
-                *z = if half == Half::Odd { x * *turn } else { x };
-            }
+/// Writes `scale` times the spectrum.
+fn fill_scaled<T: Real>(x_hat: &[Complex<T>], scale: f64, to: &mut Split<T>) {
+    if SAFE_SCALES.contains(&scale) {
+        let scale = T::rounded(scale);
+        let (re, im) = (&mut to.re[..x_hat.len()], &mut to.im[..x_hat.len()]);
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for ((re, im), x) in re.iter_mut().zip(im).zip(x_hat) {
+                    (*re, *im) = (x.re * scale, x.im * scale);
+                }
+            },
+        );
+    } else {
+        for ((re, im), x) in to.re.iter_mut().zip(to.im.iter_mut()).zip(x_hat) {
+            *re = T::rounded(x.re.to_f64() * scale);
+            *im = T::rounded(x.im.to_f64() * scale);
         }
-        padding.fill(Complex::zero());
-        self.width.inverse.process_with_scratch(self.z, self.scratch);
-        self.z
     }
+}
+
+/// Points L of each width: of a chain of widths that double, the narrowest's length doubled.
+fn lengths(bands: &[Band], counts: &[usize]) -> Vec<usize> {
+    let widest = |count: usize| {
+        let same = bands.iter().filter(|band| band.n_of_width == count);
+        same.map(Band::n_bins).max().unwrap_or(0)
+    };
+    let mut lengths = vec![0; counts.len()];
+    for i in (0..counts.len()).rev() {
+        let narrower = counts.iter().position(|count| *count == 2 * counts[i]);
+        lengths[i] = match narrower {
+            Some(narrower) => 2 * lengths[narrower],
+            None => quick_len_at_least(widest(counts[i])),
+        };
+    }
+    lengths
+}
+
+/// Joins each band with its halves.
+fn nodes(bands: &[Band], counts: &[usize]) -> Vec<Node> {
+    let mut nodes: Vec<Node> = Vec::with_capacity(bands.len());
+    for band in bands {
+        let width = counts.iter().position(|count| *count == band.n_of_width).unwrap_or(0);
+        nodes.push(Node { width, halves: None, is_half: false, n_added: 0 });
+    }
+    for (i, band) in bands.iter().enumerate().rev() {
+        let is_first =
+            |b: &Band| b.n_of_width == 2 * band.n_of_width && b.start_bin == band.start_bin;
+        let Some(first) = bands.iter().position(is_first) else { continue };
+        let Some(second) = bands.get(first + 1) else { continue };
+        let is_second = second.n_of_width == 2 * band.n_of_width
+            && second.start_bin == bands[first].end_bin
+            && second.end_bin == band.end_bin;
+        // Samples can be added if they stand in the same order.
+        if is_second && nodes[first].n_added == nodes[first + 1].n_added {
+            nodes[i].halves = Some([first, first + 1]);
+            nodes[i].n_added = nodes[first].n_added + 1;
+            nodes[first].is_half = true;
+            nodes[first + 1].is_half = true;
+        }
+    }
+    nodes
 }
 
 impl<T: Real> fmt::Debug for FilterBank<T> {
@@ -232,7 +388,18 @@ impl<T: Real> fmt::Debug for FilterBank<T> {
 /// Power of rounding in a bin over the mean power of a bin, in squares of the rounding unit.
 const ROUNDING: f64 = 64.0;
 
-/// |X|², in f64: counts of a converter leave f32 in long records.
+/// Σ|X|², in f64: counts of a converter leave f32 in long records.
+fn total_power<T: Real>(x_hat: &[Complex<T>]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (eights, rest) = x_hat.as_chunks::<8>();
+    for eight in eights {
+        for (sum, x) in sums.iter_mut().zip(eight) {
+            *sum += power_of(*x);
+        }
+    }
+    sums.iter().sum::<f64>() + rest.iter().map(|x| power_of(*x)).sum::<f64>()
+}
+
 fn power_of<T: Real>(x: Complex<T>) -> f64 {
     let (re, im) = (x.re.to_f64(), x.im.to_f64());
     re * re + im * im
@@ -258,7 +425,11 @@ fn band(n: usize, n_of_width: usize, j: usize, usable: &Range<usize>) -> Option<
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
+    use crate::dsp::reference::dft_of_real;
+    use crate::dsp::reference::gaussian_noise;
 
     #[test]
     fn bands_tile_the_spectrum() {
@@ -283,6 +454,41 @@ mod tests {
         assert!(bank.bands().iter().all(|b| b.start_bin >= 500 && b.end_bin <= 1500));
         assert!(bank.bands().iter().all(|b| b.n_bins() >= MIN_BINS) && !bank.bands().is_empty());
         assert!(FilterBank::<f64>::new(30, 3, 0..16, &mut FftCache::new()).bands().is_empty());
+    }
+
+    #[test]
+    fn samples_are_those_of_the_fourier_sum() {
+        // 31 bins halve into 15 and 16: one half is no band, so nothing is added there. A usable range
+        // leaves bands whose halves reach further down than others.
+        for (n, depth, usable) in [(2000, 4, 0..1001), (497, 4, 0..249), (2003, 5, 100..900)] {
+            let x = gaussian_noise(n, 5);
+            let x_hat: Vec<_> = dft_of_real(&x)[..fft::n_bins(n)].to_vec();
+            let mut bank = FilterBank::<f64>::new(n, depth, usable, &mut FftCache::new());
+            let mean = total_power(&x_hat) / x_hat.len() as f64;
+            let mut seen = vec![0; bank.bands().len()];
+            let mut deepest = 0;
+            bank.for_each(&x_hat, |index, band, envelope| {
+                let envelope = envelope.unwrap();
+                let length = envelope.re.len();
+                let mut times = vec![false; length];
+                for (places, first, step) in envelope.runs() {
+                    for (i, place) in places.enumerate() {
+                        let time = first + i * step;
+                        assert!(!std::mem::replace(&mut times[time], true), "{band:?}");
+                        let turn = |k: usize| TAU * (k * time % length) as f64 / length as f64;
+                        let bins = band.bins().map(|k| x_hat[k] * Complex::cis(turn(k)));
+                        let exact = bins.sum::<Complex<f64>>() / mean.sqrt();
+                        let found = Complex::new(envelope.re[place], envelope.im[place]);
+                        // Rounding of sums of up to 1000 numbers of size 1.
+                        assert!((found - exact).norm() < 1e-11, "{band:?} {time}");
+                    }
+                }
+                assert!(times.iter().all(|seen| *seen), "{band:?}: every time once");
+                seen[index] += 1;
+                deepest = deepest.max(envelope.n_added);
+            });
+            assert!(seen.iter().all(|n| *n == 1) && deepest > 1, "{n}: {deepest}");
+        }
     }
 
     #[test]

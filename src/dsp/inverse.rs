@@ -17,6 +17,8 @@ use rustfft::num_traits::Zero;
 use crate::dsp::fft::FftCache;
 use crate::dsp::grid::Grid;
 use crate::dsp::grid::GridPlan;
+use crate::dsp::power_sums;
+use crate::dsp::power_sums::PowerSums;
 use crate::dsp::real::Real;
 
 /// Tables of an inverse transform; the buffers are the caller's ([`Workspace`]).
@@ -117,6 +119,11 @@ impl<T: Real> Results<'_, T> {
     /// Writes what `f` makes of real and imaginary part, for as many results as fit.
     pub(in crate::dsp) fn map_to<U>(&self, out: &mut [U], f: impl Fn(T, T) -> U) {
         Arch::new().dispatch(Map { list: self.list, lanes: self.lanes, out, f });
+    }
+
+    /// Writes all results, real and imaginary parts apart, and sums their powers.
+    pub(in crate::dsp) fn split_to(&self, re: &mut [T], im: &mut [T]) -> PowerSums {
+        power_sums::of_groups(self.list, self.lanes, [re, im])
     }
 
     /// Sums the moduli of the results `range`, in f64.

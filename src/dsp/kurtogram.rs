@@ -8,7 +8,6 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use pulp::Arch;
 use realfft::RealToComplex;
 use rustfft::num_complex::Complex;
 use rustfft::num_traits::Zero;
@@ -17,7 +16,7 @@ use crate::dsp::fft;
 use crate::dsp::fft::FftCache;
 use crate::dsp::filter_bank::Band;
 use crate::dsp::filter_bank::FilterBank;
-use crate::dsp::filter_bank::Half;
+use crate::dsp::power_sums::PowerSums;
 use crate::dsp::real::Real;
 
 /// Kurtosis of the complex envelope of every band of a tree (D44; Antoni 2007).
@@ -61,10 +60,9 @@ impl<T: Real> KurtogramPlan<T> {
     pub fn process(&mut self, x_hat: &[Complex<T>], out: &mut [Option<f64>]) {
         assert_eq!(out.len(), self.bands().len(), "one value a band");
         self.bank.for_each(x_hat, |index, _, envelope| {
-            out[index] = envelope.map(|mut envelope| {
-                let (even, odd) =
-                    (Powers::of(envelope.half(Half::Even)), Powers::of(envelope.half(Half::Odd)));
-                even.and(odd).excess()
+            out[index] = envelope.map(|envelope| {
+                let PowerSums { second, fourth } = envelope.sums;
+                fourth * envelope.re.len() as f64 / (second * second) - 2.0
             });
         });
     }
@@ -117,7 +115,7 @@ impl<T: Real> InfogramPlan<T> {
     #[must_use]
     pub fn new(n: usize, depth: u32, usable: Range<usize>, cache: &mut FftCache<T>) -> Self {
         let bank = FilterBank::new(n, depth, usable, cache);
-        let mut lengths: Vec<usize> = bank.half_lengths().map(|half| 2 * half).collect();
+        let mut lengths: Vec<usize> = bank.lengths().collect();
         lengths.sort_unstable();
         lengths.dedup();
         let longest = lengths.last().copied().unwrap_or(0);
@@ -150,13 +148,13 @@ impl<T: Real> InfogramPlan<T> {
         assert_eq!(out.len(), self.bands().len(), "one value a band");
         let Self { bank, forwards, e2, spectrum, scratch } = self;
         bank.for_each(x_hat, |index, band, envelope| {
-            out[index] = envelope.and_then(|mut envelope| {
-                let mut length = 0;
-                for (first, half) in [(0, Half::Even), (1, Half::Odd)] {
-                    let z = envelope.half(half);
-                    length = 2 * z.len();
-                    for (e2, z) in e2[first..length].iter_mut().step_by(2).zip(z) {
-                        *e2 = z.norm_sqr();
+            out[index] = envelope.and_then(|envelope| {
+                let length = envelope.re.len();
+                let scale = T::rounded(length as f64 / envelope.sums.second);
+                for (places, first, step) in envelope.runs() {
+                    let parts = envelope.re[places.clone()].iter().zip(&envelope.im[places]);
+                    for (e2, (re, im)) in e2[first..length].iter_mut().step_by(step).zip(parts) {
+                        *e2 = (*re * *re + *im * *im) * scale;
                     }
                 }
                 let at = forwards.binary_search_by_key(&length, |plan| plan.len()).ok()?;
@@ -203,59 +201,6 @@ impl<T: Real> fmt::Debug for InfogramPlan<T> {
 
 /// Values summed in `T` before the sum goes on in f64.
 const BLOCK: usize = 256;
-
-/// Parallel accumulators.
-const LANES: usize = 8;
-
-/// Σ|z|² and Σ|z|⁴ of some samples.
-struct Powers {
-    n: usize,
-    second: f64,
-    fourth: f64,
-}
-
-impl Powers {
-    fn of<T: Real>(z: &[Complex<T>]) -> Self {
-        let (mut second, mut fourth) = (0.0, 0.0);
-        Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for block in z.chunks(BLOCK) {
-                    let (mut lanes2, mut lanes4) = ([T::zero(); LANES], [T::zero(); LANES]);
-                    let (chunks, rest) = block.as_chunks::<LANES>();
-                    for chunk in chunks {
-                        for lane in 0..LANES {
-                            let square = chunk[lane].norm_sqr();
-                            lanes2[lane] += square;
-                            lanes4[lane] += square * square;
-                        }
-                    }
-                    for (lane, z) in rest.iter().enumerate() {
-                        let square = z.norm_sqr();
-                        lanes2[lane] += square;
-                        lanes4[lane] += square * square;
-                    }
-                    second += lanes2.iter().map(|v| v.to_f64()).sum::<f64>();
-                    fourth += lanes4.iter().map(|v| v.to_f64()).sum::<f64>();
-                }
-            },
-        );
-        Self { n: z.len(), second, fourth }
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self {
-            n: self.n + other.n,
-            second: self.second + other.second,
-            fourth: self.fourth + other.fourth,
-        }
-    }
-
-    /// ⟨|z|⁴⟩/⟨|z|²⟩² − 2.
-    fn excess(&self) -> f64 {
-        self.fourth * self.n as f64 / (self.second * self.second) - 2.0
-    }
-}
 
 /// ⟨v·ln v⟩ of values v ≥ 0 of mean 1, after division by the mean they have; `None` if that is 0.
 fn negentropy<T: Real>(values: &[T]) -> Option<f64> {

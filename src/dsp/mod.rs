@@ -21,6 +21,7 @@ pub mod window;
 mod butterfly;
 mod grid;
 mod split;
+mod power_sums;
 mod inverse;
 mod forward;
 pub mod fft;
@@ -61,6 +62,8 @@ pub mod order_spectrum;
 pub mod comb;
 pub mod speed_track;
 
+#[cfg(test)]
+mod drift;
 #[cfg(test)]
 mod hard_cases;
 #[cfg(test)]

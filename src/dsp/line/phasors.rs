@@ -280,3 +280,31 @@ impl<T: Real> WithSimd for Fill<'_, T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_of_1e9_samples_do_not_drift() {
+        // Cycles a sample in units of 2^−40, so that integers tell the phase of every block exactly.
+        const UNIT_BITS: u32 = 40;
+        let n_blocks = 1_000_000_000 / BLOCK;
+        for units in [75_109_876_543_u64, 549_000_000_001, 1_234_567] {
+            let mut turn = Turn::new(units as f64 * 2f64.powi(-UNIT_BITS.cast_signed()));
+            let mut worst = [0.0_f64; 2];
+            for index in 0..n_blocks {
+                turn.go_to(index);
+                let turned = u128::from(units) * (index * BLOCK) as u128 % (1 << UNIT_BITS);
+                let (sin, cos) = (TAU * turned as f64 * 2f64.powi(-40)).sin_cos();
+                let error = (turn.at - Complex::new(cos, -sin)).norm();
+                let half = &mut worst[usize::from(index > n_blocks / 1000)];
+                *half = half.max(error);
+            }
+            let cycles = units as f64 * 2f64.powi(-40) * 1e9;
+            // The phase is a product, not a sum: half a last digit of the cycles, whatever came before,
+            // and the rounding of up to 16 turns.
+            assert!(worst[1] < TAU * cycles * 0.5 * f64::EPSILON + 1e-14, "{units}: {worst:?}");
+        }
+    }
+}

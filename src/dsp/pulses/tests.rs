@@ -228,6 +228,17 @@ fn short_trains_are_unplaced_and_many_revolutions_do_not_drift() {
 }
 
 #[test]
+#[ignore = "three million revolutions: some seconds in the dev profile"]
+fn revolutions_of_1e9_samples_do_not_drift() {
+    // 10⁵ s, 10⁹ samples at 10 kHz, at 32 Hz: the angle is the count, exact to the last pulse.
+    let wheel = Wheel::even(1, 1.0);
+    let plan = followed(wheel.clone(), &train(&wheel, 3_200_000, |rev| rev / 32.0));
+    let (times_s, revolutions) = plan.knots(&plan.segments()[0]);
+    assert_eq!(times_s.len(), 3_200_000);
+    assert!(times_s.iter().zip(revolutions).all(|(t, rev)| (32.0 * t - rev).abs() <= 0.0));
+}
+
+#[test]
 fn impossible_wheels_are_not_planned() {
     let wheel = |marks_rev: Vec<f64>| Wheel { marks_rev, ..Wheel::even(1, 1.0) };
     for marks in [vec![], vec![0.1], vec![0.0, 0.5, 0.4], vec![0.0, 1.0], vec![0.0, f64::NAN]] {
