@@ -37,15 +37,15 @@ pub fn band_probability(reading: &BandReading) -> f64 {
     harmonic_tail(&fundamental).max(support)
 }
 
-/// Combines the probabilities of dependent bands (C4): n/k times the k-th smallest, k = ⌈n/2⌉.
+/// Combines the probabilities of dependent bands (C4): n/k times the k-th smallest, k = ⌈part·n⌉.
 ///
-/// Valid under any dependence (Rüger 1978); it asks that *most* bands agree, as impacts do.
+/// Valid under any dependence (Rüger 1978); it asks that this part of the bands agree.
 #[must_use]
-pub fn combine(probabilities: &[f64]) -> f64 {
+pub fn combine(probabilities: &[f64], part: f64) -> f64 {
     let mut sorted = probabilities.to_vec();
     sorted.sort_by(f64::total_cmp);
     let n = sorted.len();
-    let k = n.div_ceil(2);
+    let k = (1..=n).find(|k| *k as f64 >= part * n as f64 - 1e-9).unwrap_or(n);
     match sorted.get(k.wrapping_sub(1)) {
         Some(p) => (p * n as f64 / k as f64).clamp(SMALLEST, 1.0),
         None => 1.0,
@@ -79,7 +79,7 @@ mod tests {
         #[test]
         fn combining_never_gains_on_the_best(p in proptest::collection::vec(1e-12..1.0_f64, 1..30)) {
             let best = p.iter().copied().fold(1.0, f64::min);
-            prop_assert!(combine(&p) >= best);
+            prop_assert!(combine(&p, 0.5) >= best && combine(&p, 0.25) >= best);
         }
     }
 
@@ -104,13 +104,14 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_bands_must_agree() {
+    fn the_part_asked_for_must_agree() {
         let mut p = vec![1e-9; 7];
         p.extend([1.0; 7]);
-        assert!((combine(&p) - 2e-9).abs() < 1e-20, "k = 7 of 14");
+        assert!((combine(&p, 0.5) - 2e-9).abs() < 1e-20, "k = 7 of 14");
         p[0] = 1.0;
-        assert!((combine(&p) - 1.0).abs() < 1e-15, "six of fourteen are not most");
-        assert!((combine(&[]) - 1.0).abs() < 1e-15);
+        assert!((combine(&p, 0.5) - 1.0).abs() < 1e-15, "six of fourteen are not most");
+        assert!((combine(&p, 0.25) - 3.5e-9).abs() < 1e-20, "k = 4 of 14");
+        assert!((combine(&[], 0.5) - 1.0).abs() < 1e-15);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! files, the clock, or how verdicts come about.
 
 pub mod motion;
+pub mod rig;
 pub mod stand;
 pub mod vibration;
 

@@ -13,6 +13,16 @@ use crate::units::Hz;
 /// A band counts as showing a line at this probability.
 const BAND_PROBABILITY: f64 = 1e-4;
 
+/// Parts of the bands that must agree.
+const MOST: f64 = 0.5;
+const A_QUARTER: f64 = 0.25;
+
+/// Ways to be proven, each of which may err.
+const N_WAYS: f64 = 2.0;
+
+/// Effect size that counts in a quarter of the bands: half of the energy in one of them.
+const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
+
 /// Standard deviations below a measured depth that must still matter: one side, 5 %.
 const DEVIATIONS: f64 = 1.645;
 
@@ -25,7 +35,10 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
+    /// False-alarm probability if most bands must show it.
     pub(super) probability: f64,
+    /// The same if a quarter of them must.
+    pub(super) narrow_probability: f64,
     pub(super) best: Option<&'a BandReading>,
 }
 
@@ -129,15 +142,33 @@ impl<'a> Candidate<'a> {
             search,
             n_bands: readings.len(),
             n_showing: readings.iter().filter(showing).count(),
-            probability: (confidence::combine(&probabilities) * n_looks).min(1.0),
+            probability: (confidence::combine(&probabilities, MOST) * n_looks).min(1.0),
+            narrow_probability: (confidence::combine(&probabilities, A_QUARTER) * n_looks).min(1.0),
             best,
         }
     }
 
-    /// Whether the line is there and as deep as matters.
+    /// Whether the line is there and as deep as matters: in most bands, or in few and twice as deep.
     pub(super) fn is_proven(&self) -> bool {
-        self.probability <= confidence::FALSE_ALARM_PROBABILITY
+        self.is_broad() || self.is_narrow()
+    }
+
+    /// Proven in most bands, as impacts are heard.
+    pub(super) fn is_broad(&self) -> bool {
+        self.probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
             && self.depth() >= severity::WARNING_DEPTH
+    }
+
+    /// Proven in a quarter of the bands, one of which owes half of its energy to the line (C4): impacts
+    /// that one resonance alone brings above the noise.
+    fn is_narrow(&self) -> bool {
+        self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
+            && self.depth() >= NARROW_DEPTH
+    }
+
+    /// Whether a band shows a line of effect, though too few do to accuse.
+    pub(super) fn is_deep_in_few(&self) -> bool {
+        self.n_showing > 0 && self.is_surely_deep()
     }
 
     /// Whether it is as deep as matters even at the lower end of what the noise beside it leaves open

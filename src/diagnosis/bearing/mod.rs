@@ -102,7 +102,13 @@ fn judge_one(
                 });
                 let near_limit = near_limit.map(|c| too_near(c, context));
                 let bare = bare.map(|c| without_cage(c, context));
-                match bare.or(near_limit).or_else(|| ambiguous(&doubtful)) {
+                let few = candidates.iter().find(|c| {
+                    c.search.line != DefectLine::Ftf
+                        && c.is_deep_in_few()
+                        && !grown::is_as_when_healthy(bearing, c.search.line, features, context)
+                });
+                let few = few.map(|c| in_few_bands(c, context));
+                match bare.or(near_limit).or(few).or_else(|| ambiguous(&doubtful)) {
                     Some(why) => verdict.why = why,
                     None => acquit(&mut verdict, &candidates, &searches, accepted, features),
                 }
@@ -125,6 +131,15 @@ fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
 fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
         "{}; without side bands at FTF it may as well come from elsewhere: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a deep line in few bands neither accuses nor acquits.
+fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; too few bands agree to accuse, too deep to acquit: a baseline of the healthy machine would \
+         tell",
         sentence(line, context)
     )
 }
@@ -224,6 +239,8 @@ fn accuse(
         first.power_ratio() >= LEAD_POWER_RATIO * r.power_ratio() && first.n_showing > r.n_showing
     });
     verdict.why = sentence(first, context);
+    // What few bands hear is a fault, not yet a measure of it.
+    let severity = if first.is_broad() { severity } else { severity::not_damaged(severity) };
     verdict.severity = Some(severity);
     if leads {
         verdict.state = severity::state(severity);

@@ -1,0 +1,293 @@
+//! Trials of the simulated rig: eight combinations of good and bad gear, shaft and bearing.
+//!
+//! The built-in combined scene with its numbers changed: speed, size of the race defect, clearance, mesh
+//! load, seed; then noise on every sensor. What a baseline holds is the same rig without faults, with
+//! another seed.
+
+use super::Measured;
+use super::Trial;
+use super::vibration;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::fault::FaultMode;
+use crate::evaluation::truth::Known;
+use crate::evaluation::truth::KnownFault;
+use crate::machine::file;
+use crate::machine::sensor::SensorKind;
+use crate::pipeline::SpeedHints;
+use crate::signal::ChannelInfo;
+use crate::simulator::scene::Scene;
+use crate::simulator::scene::builtin;
+use crate::simulator::simulation::Samples;
+use crate::simulator::simulation::Simulation;
+use crate::units::Hz;
+use crate::units::Unit;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use std::convert::Infallible;
+use std::sync::Arc;
+use toml::Table;
+use toml::Value;
+
+/// Scene and machine file that everything is made of.
+const SCENE: &str = "BG_BS_BB";
+const MACHINE: &str = "rig.toml";
+
+/// Channels of the tacho are handed on as they are.
+const TACHO: &str = "tacho";
+
+/// Which parts are bad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bad {
+    /// A worn tooth.
+    pub gear: bool,
+    /// A bent shaft.
+    pub shaft: bool,
+    /// A defect on the inner race of the right bearing: its number, 1 to 3.
+    pub bearing: Option<u8>,
+}
+
+impl Bad {
+    const NOTHING: Self = Self { gear: false, shaft: false, bearing: None };
+
+    /// The source's name of the combination, as in `GG_BS_BB`.
+    #[must_use]
+    pub fn name(self) -> String {
+        let word = |bad: bool| if bad { 'B' } else { 'G' };
+        let (gear, shaft, bearing) = (word(self.gear), word(self.shaft), word(self.bearing.is_some()));
+        format!("{gear}G_{shaft}S_{bearing}B")
+    }
+
+    fn known(self) -> Vec<KnownFault> {
+        let fault = |is_there: bool, fault: FaultMode, component: &str| {
+            is_there.then(|| KnownFault { fault, component: Some(component.to_owned()) })
+        };
+        [
+            fault(self.bearing.is_some(), FaultMode::InnerRace, "right"),
+            fault(self.shaft, FaultMode::Bow, "main"),
+            fault(self.gear, FaultMode::ToothDamage, "mesh-1"),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+/// One trial of the rig.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setting {
+    /// What is bad.
+    pub bad: Bad,
+    /// Speed of the shaft.
+    pub speed: Hz,
+    /// Radial clearance of both bearings, µm; below 0: interference.
+    pub clearance_um: f64,
+    /// Torque through the mesh, N·m.
+    pub torque_nm: f64,
+    /// Makes the record.
+    pub seed: u64,
+}
+
+/// Why a rig cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+#[error("{name}: {why}")]
+pub struct RigError {
+    name: String,
+    why: String,
+}
+
+/// The rig as it was simulated, without noise.
+#[derive(Debug, Clone)]
+pub struct Rig {
+    setting: Setting,
+    measured: Measured,
+}
+
+impl Rig {
+    /// Simulates a setting for ten seconds.
+    ///
+    /// # Errors
+    /// When scene or machine cannot be built, or the motion diverges.
+    pub fn simulate(setting: &Setting) -> Result<Self, RigError> {
+        let name = format!("{} at {} Hz", setting.bad.name(), setting.speed.0);
+        let failed = |why: String| RigError { name: name.clone(), why };
+        let text = scene_text(setting).ok_or_else(|| failed("no built-in scene".to_owned()))?;
+        let scene = Scene::parse(&text, SCENE).map_err(|e| failed(e.to_string()))?;
+        let machine = builtin::machine(MACHINE).unwrap_or_default();
+        let machine = file::parse(machine, MACHINE).map_err(|e| failed(e.to_string()))?;
+        let mut simulation =
+            Simulation::new(&scene, setting.seed).map_err(|e| failed(e.to_string()))?;
+        let (channels, scales): (Vec<_>, Vec<_>) = simulation
+            .channels()
+            .map(|c| (channel(&c.name, c.unit, c.rate_hz), (c.scale, c.offset)))
+            .unzip();
+        let mut samples: Vec<Vec<f32>> = vec![Vec::new(); channels.len()];
+        let mut keep = |i: usize, new: Samples<'_>| {
+            let (scale, offset) = scales[i];
+            let physical = |v: f64| narrow(v * scale + offset);
+            match new {
+                Samples::Int16(new) => {
+                    samples[i].extend(new.iter().map(|v| physical(f64::from(*v))));
+                }
+                Samples::Float32(new) => {
+                    samples[i].extend(new.iter().map(|v| physical(f64::from(*v))));
+                }
+                Samples::Float64(new) => samples[i].extend(new.iter().map(|v| physical(*v))),
+            }
+            Ok::<(), Infallible>(())
+        };
+        let n = scene.duration_s * simulation.rate_hz();
+        let n = crate::dsp::real::floor_index(n.round()) as u64;
+        simulation.advance(n, &mut keep).map_err(|e| failed(e.to_string()))?;
+        let measured = Measured {
+            machine: Arc::new(machine),
+            channels,
+            samples,
+            hints: SpeedHints::default(),
+        };
+        Ok(Self { setting: *setting, measured })
+    }
+
+    /// Simulates the same rig without faults and with another seed.
+    ///
+    /// # Errors
+    /// As [`Self::simulate`].
+    pub fn healthy_twin(setting: &Setting) -> Result<Self, RigError> {
+        let seed = setting.seed + 1_000_000;
+        Self::simulate(&Setting { bad: Bad::NOTHING, seed, ..*setting })
+    }
+
+    /// The trial with noise `noise_db` below the vibration of each sensor (`None`: none), held against the
+    /// healthy twin with noise of the same strength, if one is given.
+    ///
+    /// # Errors
+    /// When no sensor of the machine has a channel.
+    pub fn trial(
+        &self,
+        group: &str,
+        noise_db: Option<f64>,
+        twin: Option<&Self>,
+    ) -> Result<Trial, RigError> {
+        let name = self.setting.bad.name();
+        let mut baseline = Baseline::default();
+        if let Some(twin) = twin {
+            let levels: Vec<f64> =
+                self.measured.samples.iter().map(|x| rms(x) * gain(noise_db)).collect();
+            let measured = noisy(&twin.measured, &levels, twin.setting.seed);
+            let record = measured.learn("healthy");
+            let why = |e: crate::pipeline::MonitorError| RigError {
+                name: name.clone(),
+                why: e.to_string(),
+            };
+            baseline.records.push(record.map_err(why)?);
+        }
+        let levels: Vec<f64> =
+            self.measured.samples.iter().map(|x| rms(x) * gain(noise_db)).collect();
+        let defect = self.setting.bad.bearing.map_or(String::new(), |n| format!(" #{n}"));
+        Ok(Trial {
+            group: group.to_owned(),
+            label: format!("{name}{defect}"),
+            name: format!("{group}, {name}{defect}, {:?}, noise {noise_db:?} dB", self.setting),
+            known: Known::Faults(self.setting.bad.known()),
+            measured: noisy(&self.measured, &levels, self.setting.seed),
+            baseline,
+        })
+    }
+}
+
+fn gain(noise_db: Option<f64>) -> f64 {
+    noise_db.map_or(0.0, |db| 10.0_f64.powf(-db / 20.0))
+}
+
+/// RMS without the mean.
+fn rms(x: &[f32]) -> f64 {
+    crate::dsp::stats::Moments::of(x).variance().unwrap_or(0.0).sqrt()
+}
+
+fn noisy(measured: &Measured, levels: &[f64], seed: u64) -> Measured {
+    let mut noisy = measured.clone();
+    let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x6e_6f_69_73_65);
+    let channels = measured.channels.iter().zip(&mut noisy.samples).zip(levels);
+    for ((info, samples), level) in channels {
+        let is_tacho = measured
+            .machine
+            .sensors
+            .iter()
+            .any(|s| s.channel == info.name && s.kind == SensorKind::Tacho);
+        if !is_tacho && *level > 0.0 {
+            for value in samples {
+                *value = narrow(f64::from(*value) + level * vibration::normal(&mut random));
+            }
+        }
+    }
+    noisy
+}
+
+fn narrow(value: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
+    let narrow = value as f32;
+    narrow
+}
+
+fn channel(name: &str, unit: &str, rate_hz: f64) -> ChannelInfo {
+    ChannelInfo {
+        name: name.to_owned(),
+        sample_rate: Hz(rate_hz),
+        unit: match unit {
+            "um" => Unit::Micrometre,
+            "V" => Unit::Volt,
+            _ if name == TACHO => Unit::Volt,
+            _ => Unit::MetrePerSecondSquared,
+        },
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
+    }
+}
+
+/// Width, in, and depth, mil, of the source's defects.
+fn defect_size(number: u8) -> (f64, f64) {
+    match number {
+        1 => (0.03, 1.5),
+        2 => (0.04, 2.5),
+        _ => (0.05, 4.0),
+    }
+}
+
+/// The combined scene with the numbers of a setting.
+fn scene_text(setting: &Setting) -> Option<String> {
+    let mut scene: Table = builtin::text(SCENE)?.parse().ok()?;
+    table(&mut scene, "speed")?.insert("constant_hz".to_owned(), setting.speed.0.into());
+    if !setting.bad.shaft {
+        scene.remove("bow");
+    }
+    for bearing in scene.get_mut("bearing")?.as_array_mut()? {
+        let bearing = bearing.as_table_mut()?;
+        bearing.insert("clearance_um".to_owned(), setting.clearance_um.into());
+        let Some(defects) = bearing.get_mut("defect").and_then(Value::as_array_mut) else {
+            continue;
+        };
+        match setting.bad.bearing {
+            None => {
+                bearing.remove("defect");
+            }
+            Some(number) => {
+                let (width_in, depth_mil) = defect_size(number);
+                let defect = defects.first_mut()?.as_table_mut()?;
+                defect.insert("width_in".to_owned(), width_in.into());
+                defect.insert("depth_mil".to_owned(), depth_mil.into());
+            }
+        }
+    }
+    for gear in scene.get_mut("gear")?.as_array_mut()? {
+        let gear = gear.as_table_mut()?;
+        gear.insert("torque_nm".to_owned(), setting.torque_nm.into());
+        if !setting.bad.gear {
+            gear.remove("fault");
+        }
+    }
+    Some(scene.to_string())
+}
+
+fn table<'t>(scene: &'t mut Table, key: &str) -> Option<&'t mut Table> {
+    scene.get_mut(key)?.as_table_mut()
+}
