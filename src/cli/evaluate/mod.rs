@@ -1,10 +1,11 @@
 //! `rotorwatch evaluate`: captures of which the truth is known → how often the diagnosis is right.
 //!
-//! [`table`] diagnoses what a truth table lists and scores it; [`text`] and [`files`] say what came of it. A
+//! [`table`] diagnoses what a truth table lists and scores it; [`text`], [`files`] and [`index`] say what came of it. A
 //! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
 //! baselines of its row: no label, no speed and no name of the table.
 
 mod files;
+mod index;
 mod table;
 mod text;
 
@@ -16,6 +17,7 @@ use crate::api::wire::evaluation::EvaluationDocument;
 use crate::evaluation::summary::Record;
 use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::TruthErrors;
+use crate::offline::OfflineError;
 use clap::Args;
 use clap::ValueEnum;
 use std::io;
@@ -84,6 +86,8 @@ pub(super) enum EvaluateError {
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
     Output(#[from] OutputError),
+    #[error("the page of a record cannot be made")]
+    Page(#[from] Box<OfflineError>),
     #[error("the evaluation cannot be written as JSON")]
     Json(#[from] serde_json::Error),
 }
@@ -132,7 +136,7 @@ fn tell(
     let summary = Summary::of(records);
     let document = EvaluationDocument::new(records, &summary, truth);
     if let Some(folder) = folder {
-        folder.finish(records, &summary, &document)?;
+        folder.finish(truth, &summary, &document)?;
     }
     let mut stdout = Output::open(None)?;
     match format {
