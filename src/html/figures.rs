@@ -127,7 +127,7 @@ pub(super) fn orbits(machine: &Machine, shaft_hz: Option<f64>, tracks: &[Track])
             (format!("{} ({unit})", x.info.name), format!("{} ({unit})", y.info.name));
         let svg = Chart {
             words: Words { title: &title, x: &across, y: &up },
-            size: (380.0, 404.0),
+            size: (380.0, 368.0),
             x: (-size, size),
             y: Scale::Linear(-size, size),
             lines: vec![("line", points)],

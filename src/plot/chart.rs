@@ -6,8 +6,8 @@ use super::tick_text;
 use super::ticks;
 use std::fmt::Write;
 
-/// Margins: left, top, right, bottom; pixels.
-const MARGINS: (f64, f64, f64, f64) = (66.0, 64.0, 14.0, 40.0);
+/// Margins: left, top without labels of cursors, right, bottom; pixels.
+const MARGINS: (f64, f64, f64, f64) = (66.0, 28.0, 14.0, 40.0);
 
 /// Rows of cursor labels, their height, and the width of a letter; pixels.
 const LABEL_ROWS: usize = 3;
@@ -58,7 +58,8 @@ impl Chart<'_> {
     /// Draws it; `None` if an axis has no length.
     #[must_use]
     pub fn svg(&self) -> Option<String> {
-        let frame = Frame::new(self.size, self.x, self.y)?;
+        let label_rows = if self.cursors.is_empty() { 0 } else { LABEL_ROWS };
+        let frame = Frame::new(self.size, self.x, self.y, label_rows)?;
         let mut out = String::new();
         frame.open(&mut out, &self.words);
         self.draw_cursors(&mut out, &frame);
@@ -118,7 +119,12 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    pub(super) fn new(size: (f64, f64), x: (f64, f64), y: Scale) -> Option<Self> {
+    pub(super) fn new(
+        size: (f64, f64),
+        x: (f64, f64),
+        y: Scale,
+        label_rows: usize,
+    ) -> Option<Self> {
         let (y, is_log) = match y {
             Scale::Linear(low, high) => ((low, high), false),
             Scale::Logarithmic(high) => {
@@ -128,6 +134,7 @@ impl Frame {
         };
         let is_range = |(low, high): (f64, f64)| low.is_finite() && high.is_finite() && low < high;
         let (left, top, right, bottom) = MARGINS;
+        let top = top + LABEL_HEIGHT * label_rows as f64;
         (is_range(x) && is_range(y)).then_some(Self {
             size,
             x,
@@ -159,7 +166,7 @@ impl Frame {
             out.push('\n');
         };
         push(format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
              aria-label=\"{title}\">"
         ));
         push(format!("<text class=\"title\" x=\"{:.1}\" y=\"16\">{title}</text>", self.left));
@@ -221,11 +228,11 @@ mod tests {
     fn points_lie_where_their_values_say() {
         let svg = chart(Scale::Linear(0.0, 2.0), vec![(0.0, 0.0), (100.0, 2.0), (50.0, 1.0)]);
         let svg = svg.svg().unwrap();
-        // Margins 66 and 14 across, 64 and 40 up and down.
-        assert!(svg.contains("points=\"66.0,260.0 586.0,64.0 326.0,162.0\""), "{svg}");
+        // Margins 66 and 14 across, 28 and 40 up and down.
+        assert!(svg.contains("points=\"66.0,260.0 586.0,28.0 326.0,144.0\""), "{svg}");
         assert!(svg.contains("a &lt; b") && svg.ends_with("</svg>\n"));
         let log = chart(Scale::Logarithmic(9.0), vec![(0.0, 10.0), (0.0, 1e-4), (0.0, 0.0)]);
-        assert!(log.svg().unwrap().contains("points=\"66.0,64.0 66.0,260.0 66.0,260.0\""));
+        assert!(log.svg().unwrap().contains("points=\"66.0,28.0 66.0,260.0 66.0,260.0\""));
     }
 
     #[test]

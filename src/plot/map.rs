@@ -30,7 +30,7 @@ impl Map<'_> {
     /// Draws it; `None` without a positive value or if an axis has no length.
     #[must_use]
     pub fn svg(&self) -> Option<String> {
-        let frame = Frame::new(self.size, self.x, Scale::Linear(self.y.0, self.y.1))?;
+        let frame = Frame::new(self.size, self.x, Scale::Linear(self.y.0, self.y.1), 0)?;
         let all = || self.rows.iter().flat_map(|(_, values)| values).filter(|v| v.is_finite());
         let largest = all().copied().fold(0.0, f64::max);
         if largest <= 0.0 {
@@ -90,7 +90,7 @@ mod tests {
     fn map(values: Vec<f64>) -> Map<'static> {
         Map {
             words: Words { title: "t", x: "x", y: "y" },
-            size: (280.0, 204.0),
+            size: (280.0, 168.0),
             x: (0.0, 4.0),
             y: (0.0, 1.0),
             rows: vec![(0.0, values)],
@@ -101,12 +101,12 @@ mod tests {
     #[test]
     fn neighbours_of_one_level_are_one_rectangle_and_nothing_is_clear() {
         let svg = map(vec![0.0, 1.0, 1.0, 0.5]).svg().unwrap();
-        // 200 pixels across from 66, 100 up and down from 64.
+        // 200 pixels across from 66, 100 up and down from 28.
         assert!(
-            svg.contains("fill-opacity=\"1.00\" d=\"M116.0 64.0h100.0v100.0h-100.0z\""),
+            svg.contains("fill-opacity=\"1.00\" d=\"M116.0 28.0h100.0v100.0h-100.0z\""),
             "{svg}"
         );
-        assert!(svg.contains("fill-opacity=\"0.53\" d=\"M216.0 64.0h50.0v100.0h-50.0z\""), "{svg}");
+        assert!(svg.contains("fill-opacity=\"0.53\" d=\"M216.0 28.0h50.0v100.0h-50.0z\""), "{svg}");
         assert_eq!(svg.matches("<path").count(), 2);
         assert!(svg.contains(">GMF<") && !svg.contains("outside"));
     }

@@ -201,3 +201,30 @@ fn what_is_missing_is_told_at_once_before_any_work() {
     assert_eq!(ended.status.code(), Some(2));
     assert!(ended.stderr.starts_with("error: none.csv: cannot be read"), "{}", ended.stderr);
 }
+
+#[test]
+fn a_page_shows_one_capture_and_needs_nothing_else() {
+    let dir = folder();
+    write(&dir, "inner.h5", &Scene::with(Defect::InnerRace));
+    let diagnose = |arguments: &[&str]| {
+        let mut command = support::command();
+        let command = command.current_dir(dir.path()).args(["diagnose", "--format", "html"]);
+        support::run(command.args(["--machine", "machines/demo.toml"]).args(arguments))
+    };
+    let ended = diagnose(&["inner.h5", "--out", "page.html"]);
+    assert_eq!((ended.status.code(), ended.stdout.as_str()), (Some(0), ""), "{}", ended.stderr);
+    let page = fs::read_to_string(dir.path().join("page.html")).unwrap();
+    for part in [
+        "<!DOCTYPE html>",
+        "bearing drive-end: <span class=\"state damaged\">damaged</span>, inner race",
+        "<title>BPFI: 13", // 5.4152 × 25 Hz
+        "Orbit of drive_x and drive_y",
+    ] {
+        assert!(page.contains(part), "{part} not in the page");
+    }
+    assert!(!page.contains("<script") && !page.contains("src="));
+    assert_eq!(diagnose(&["inner.h5"]).stdout, page, "stdout holds the same");
+    let two = diagnose(&["inner.h5", "inner.h5"]);
+    assert_eq!((two.status.code(), two.stdout.as_str()), (Some(2), ""));
+    assert!(two.stderr.contains("a page of one capture, here are 2"), "{}", two.stderr);
+}

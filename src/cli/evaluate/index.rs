@@ -136,7 +136,7 @@ fn reliability(summary: &Summary<'_>) -> String {
         lines.push(("line", points.iter().map(|(x, y, _)| (*x, *y)).collect()));
         let chart = Chart {
             words: Words { title, x: "confidence given", y: "share right" },
-            size: (420.0, 404.0),
+            size: (420.0, 408.0),
             x: (0.0, 1.0),
             y: Scale::Linear(0.0, 1.0),
             lines,
