@@ -49,6 +49,11 @@ pub(super) struct Folder {
     listed: Vec<Listed>,
 }
 
+/// Files of the folder.
+const VERDICTS: &str = "verdicts.csv";
+const DOCUMENT: &str = "evaluation.json";
+const INDEX: &str = "index.html";
+
 /// Folder of the pages of records.
 const PAGES: &str = "records";
 
@@ -61,6 +66,15 @@ impl Folder {
         let cannot = |source| EvaluateError::Folder { folder: path.to_owned(), source };
         fs::create_dir_all(path.join(PAGES)).map_err(cannot)?;
         Ok(Self { path: path.to_owned(), rows: Vec::new(), listed: Vec::new() })
+    }
+
+    /// Whether a file is one of those that are written here.
+    pub(super) fn would_replace(&self, file: &Path) -> bool {
+        let same = |name: &str| {
+            let (ours, theirs) = (fs::canonicalize(self.path.join(name)), fs::canonicalize(file));
+            matches!((ours, theirs), (Ok(ours), Ok(theirs)) if ours == theirs)
+        };
+        [VERDICTS, DOCUMENT, INDEX].iter().any(|name| same(name))
     }
 
     /// Takes a record and writes its page.
@@ -102,9 +116,9 @@ impl Folder {
         document: &EvaluationDocument,
     ) -> Result<(), EvaluateError> {
         let columns = COLUMNS.map(|name| Column { name, width: 0 });
-        self.file("verdicts.csv", &table::csv(&columns, &self.rows))?;
-        self.file("evaluation.json", &(serde_json::to_string_pretty(document)? + "\n"))?;
-        self.file("index.html", &index::page(truth, summary, &self.listed))
+        self.file(VERDICTS, &table::csv(&columns, &self.rows))?;
+        self.file(DOCUMENT, &(serde_json::to_string_pretty(document)? + "\n"))?;
+        self.file(INDEX, &index::page(truth, summary, &self.listed))
     }
 
     fn file(&self, name: &str, text: &str) -> Result<(), EvaluateError> {
@@ -204,4 +218,30 @@ fn row(case: &Case<'_>) -> Vec<Cell> {
         number(case.record.processor_s),
         text(case.record.score.as_ref().err().map_or("", String::as_str)),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_pages_hold_nothing_that_steers() {
+        assert_eq!(slug("a/b/run 7, (inner).h5"), "run-7-inner-.h5");
+        assert_eq!(slug("..\\x<\"&#?.h5"), "x-.h5");
+        assert_eq!(slug(&"é".repeat(300)), "-");
+    }
+
+    #[test]
+    fn a_truth_table_of_the_same_name_is_not_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = Folder::make(dir.path()).unwrap();
+        let table = dir.path().join(VERDICTS);
+        assert!(!folder.would_replace(&table), "there is none yet");
+        fs::write(&table, "file\n").unwrap();
+        assert!(
+            folder.would_replace(&table)
+                && folder.would_replace(&dir.path().join("records/../verdicts.csv"))
+        );
+        assert!(!folder.would_replace(&dir.path().join("truth.csv")));
+    }
 }

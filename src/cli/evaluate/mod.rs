@@ -82,6 +82,8 @@ pub(super) enum EvaluateError {
     Truth(#[from] TruthErrors),
     #[error("{0}")]
     Machines(String),
+    #[error("{}: --out would replace the truth table; choose another folder", file.display())]
+    Overwrites { file: PathBuf },
     #[error("{}: cannot be made", folder.display())]
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
@@ -113,6 +115,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
     let task = table::Task::read(&arguments.truth, arguments.machines.as_deref())?;
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
+    if folder.as_ref().is_some_and(|folder| folder.would_replace(&arguments.truth)) {
+        return Err(EvaluateError::Overwrites { file: arguments.truth.clone() });
+    }
     let mut records = Vec::new();
     task.diagnose(arguments.format == Format::Text, &mut |case| {
         if let Some(folder) = &mut folder {
