@@ -355,10 +355,10 @@ mod tests {
             let found = stretches(&file, &Reference::default(), &ranges).unwrap();
             assert_eq!(found.len(), 1);
             let Stretch { start, start_s, samples, info } = found[0].clone();
-            (start, start_s, samples.len(), samples[0] + info.offset as f32)
+            (start, start_s, samples.len(), f64::from(samples[0]) + info.offset)
         };
         // g in the file, m/s² here.
-        let g = 9.806_65_f32;
+        let g = crate::units::STANDARD_GRAVITY_M_PER_S2;
         let (start, start_s, n, first) = read(300, 900);
         assert_eq!((start, n), (300, 600));
         assert!((start_s - 3.0).abs() < 1e-12 && (first / g - 300.0).abs() < 1e-3, "{first}");
