@@ -1,6 +1,6 @@
 //! `rotorwatch evaluate`: captures of which the truth is known → how often the diagnosis is right.
 //!
-//! [`table`] diagnoses what a truth table lists and scores it; [`text`], [`files`] and [`index`] say what came of it. A
+//! `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index` say what came of it. A
 //! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
 //! baselines of its row: no label, no speed and no name of the table.
 
