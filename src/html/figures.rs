@@ -102,7 +102,10 @@ pub(super) fn waveform(track: &Track, shaft_hz: Option<f64>) -> Option<Figure> {
     }
     .svg()?;
     let turns = if shaft_hz.is_some() { "six revolutions" } else { "a quarter of a second" };
-    Some(Figure { svg, caption: format!("The first {turns}; the constant part is left out.") })
+    Some(Figure {
+        svg,
+        caption: format!("At most the first {turns}; the constant part is left out."),
+    })
 }
 
 /// Orbits of all x/y pairs, x to the right and y upwards as the sensors point.

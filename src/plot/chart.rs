@@ -91,13 +91,15 @@ impl Chart<'_> {
                 cursor.x
             );
             let width = LETTER * cursor.label.chars().count() as f64;
-            let left = x - 0.5 * width;
+            // A label near the end of the axis stays on the picture.
+            let middle = x.min(frame.size.0 - 0.5 * width);
+            let left = middle - 0.5 * width;
             if let Some(row) = ends.iter().position(|end| *end < left) {
                 ends[row] = left + width;
                 let y = top - 4.0 - LABEL_HEIGHT * row as f64;
                 let _never = writeln!(
                     out,
-                    "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{label}</text>"
+                    "<text class=\"{class}\" x=\"{middle:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{label}</text>"
                 );
             }
         }
