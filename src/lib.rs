@@ -1,7 +1,7 @@
 //! rotorwatch: an open condition monitor for gear-rotor-bearing drivetrains.
 //!
 //! The modules stand in the order in which a signal passes them, from sensor to operator. The
-//! core (`units` to `evaluation`) is pure and synchronous; the shell (`capture` to `app`) does the
+//! core (`units` to `html`) is pure and synchronous; the shell (`capture` to `app`) does the
 //! input, output and waiting. `tests/layering.rs` holds the arrows between them.
 
 pub mod units;
@@ -15,6 +15,8 @@ pub mod alarms;
 pub mod pipeline;
 pub mod simulator;
 pub mod evaluation;
+pub mod plot;
+pub mod html;
 pub mod capture;
 pub mod offline;
 pub mod ingest;

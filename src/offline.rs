@@ -79,6 +79,19 @@ pub struct Reference {
     pub baseline: Baseline,
 }
 
+/// A contiguous run of samples of one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stretch {
+    /// The channel.
+    pub info: ChannelInfo,
+    /// Index of the first sample.
+    pub start: u64,
+    /// Stream time of the first sample, s.
+    pub start_s: f64,
+    /// The samples.
+    pub samples: Vec<f32>,
+}
+
 /// What a run over a capture gives.
 struct Run {
     monitor: Monitor,
@@ -117,6 +130,71 @@ pub fn learn(
     let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> =
         run.outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
     Ok(Record::of_windows(&file.display().to_string(), &windows, run.monitor.channels()))
+}
+
+/// The machine by which a capture is judged: the one given, its own, or an implied one of sensors only.
+///
+/// # Errors
+/// When the capture cannot be opened or its machine text is wrong.
+pub fn machine_of(file: &Path, reference: &Reference) -> Result<Arc<Machine>, OfflineError> {
+    Ok(open(file, reference)?.1)
+}
+
+/// Reads again the samples a diagnosis rests on: of each channel of `ranges` (name, first sample, one past the
+/// last) the last contiguous run inside, and of that the last 12 s at most.
+///
+/// # Errors
+/// When the capture cannot be read.
+pub fn stretches(
+    file: &Path,
+    reference: &Reference,
+    ranges: &[(String, u64, u64)],
+) -> Result<Vec<Stretch>, OfflineError> {
+    let (mut reader, _) = open(file, reference)?;
+    let channels: Vec<ChannelInfo> =
+        reader.info().channels.iter().map(|c| c.info.clone()).collect();
+    let n_channels = channels.len().max(1) as f64;
+    let mut found: Vec<Option<(u32, Stretch)>> = vec![None; channels.len()];
+    while let Some(block) = reader.next_block()? {
+        let (at, info) = (block.channel.0, &channels[block.channel.0]);
+        let range = ranges.iter().find(|(name, ..)| *name == info.name);
+        let Some((_, first, end)) = range else { continue };
+        let (first, end) = ((*first).max(block.start.0), (*end).min(block.end().0));
+        let inside = |index: u64| usize::try_from(index.saturating_sub(block.start.0)).ok();
+        let part = match (inside(first), inside(end)) {
+            (Some(from), Some(to)) if from < to => &block.samples[from..to],
+            (_, _) => continue,
+        };
+        let begins = |stretch: &Stretch| stretch.start + stretch.samples.len() as u64 == first;
+        let is_next =
+            |(segment, stretch): &(u32, Stretch)| *segment == block.segment && begins(stretch);
+        if !found[at].as_ref().is_some_and(is_next) {
+            let start_s = block.time_s + (first - block.start.0) as f64 / info.sample_rate.0;
+            let info = info.clone();
+            found[at] =
+                Some((block.segment, Stretch { info, start: first, start_s, samples: Vec::new() }));
+        }
+        if let Some((_, stretch)) = &mut found[at] {
+            stretch.samples.extend_from_slice(part);
+            stretch.keep_last((WINDOW_S * info.sample_rate.0).min(MAX_WINDOW_SAMPLES / n_channels));
+        }
+    }
+    Ok(found.into_iter().flatten().map(|(_, stretch)| stretch).collect())
+}
+
+impl Stretch {
+    /// Drops all but the last `n` samples.
+    fn keep_last(&mut self, n: f64) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "bounded by the caller"
+        )]
+        let excess = self.samples.len().saturating_sub(n.max(1.0) as usize);
+        self.samples.drain(..excess);
+        self.start += excess as u64;
+        self.start_s += excess as f64 / self.info.sample_rate.0;
+    }
 }
 
 fn run(
@@ -265,6 +343,29 @@ mod tests {
                 Err(error) => assert!(!error.to_string().is_empty(), "{rate}"),
             }
         }
+    }
+
+    #[test]
+    fn the_samples_of_a_range_are_read_again_and_no_more_than_a_window() {
+        let folder = tempfile::tempdir().unwrap();
+        let samples: Vec<f32> = (0..5000_u16).map(f32::from).collect();
+        let file = capture(folder.path(), 100.0, &samples);
+        let read = |first, end| {
+            let ranges = [("x".to_owned(), first, end), ("absent".to_owned(), 0, 9)];
+            let found = stretches(&file, &Reference::default(), &ranges).unwrap();
+            assert_eq!(found.len(), 1);
+            let Stretch { start, start_s, samples, info } = found[0].clone();
+            (start, start_s, samples.len(), f64::from(samples[0]) + info.offset)
+        };
+        // g in the file, m/s² here.
+        let g = crate::units::STANDARD_GRAVITY_M_PER_S2;
+        let (start, start_s, n, first) = read(300, 900);
+        assert_eq!((start, n), (300, 600));
+        assert!((start_s - 3.0).abs() < 1e-12 && (first / g - 300.0).abs() < 1e-3, "{first}");
+        // 12 s at 100 Hz.
+        let (start, start_s, n, first) = read(0, 5000);
+        assert_eq!((start, n), (3800, 1200));
+        assert!((start_s - 38.0).abs() < 1e-9 && (first / g - 3800.0).abs() < 1e-2, "{first}");
     }
 
     #[test]

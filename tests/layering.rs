@@ -27,10 +27,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("simulator", &["units", "signal", "machine"]),
     ("evaluation", &["diagnosis"]),
+    ("plot", &[]),
+    ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
     ("capture", &["units", "signal", "machine"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
-    ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator"]),
+    ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
     (
         "api",
         &[
@@ -45,6 +47,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "pipeline",
             "simulator",
             "evaluation",
+            "plot",
             "capture",
             "ingest",
         ],
@@ -83,6 +86,8 @@ const CORE: &[&str] = &[
     "pipeline",
     "simulator",
     "evaluation",
+    "plot",
+    "html",
 ];
 
 /// What a core module may not mention.

@@ -10,7 +10,6 @@ pub mod error;
 pub mod state;
 mod extract;
 mod guard;
-mod decimate;
 mod machines;
 mod signals;
 mod spectra;

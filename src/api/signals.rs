@@ -1,6 +1,5 @@
 //! Channels, raw samples and trends.
 
-use super::decimate;
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, channel, newest};
@@ -10,6 +9,7 @@ use super::wire::signals::{
     ChannelListWire, ChannelWire, TrendColumnWire, TrendWire, Validity, WaveformWire,
 };
 use super::wire::{finite, finite_column};
+use crate::plot::decimate;
 use crate::signal::ChannelInfo;
 use axum::Json;
 use axum::body::Bytes;

@@ -1,6 +1,5 @@
 //! Spectra on demand: from a copied slice, beside the event loop.
 
-use super::decimate;
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
@@ -16,6 +15,7 @@ use crate::dsp::spectrum::AmplitudePlan;
 use crate::dsp::welch::WelchPlan;
 use crate::machine::Machine;
 use crate::machine::sensor::Sensor;
+use crate::plot::decimate;
 use crate::signal::ChannelInfo;
 use axum::Json;
 use axum::extract::State;

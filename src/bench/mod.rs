@@ -1,13 +1,12 @@
 //! What the program measures of itself: speed against error of the simulator and of the signal processing,
 //! the simulator's hard cases against what is known of them, and the whole pipeline.
 //!
-//! `simulator`, `stability`, `signal` and `monitor` compute rows and hand each on as it is done; `table` and `plot` word
+//! `simulator`, `stability`, `signal` and `monitor` compute rows and hand each on as it is done; `table` and `crate::plot` word
 //! them. `records` compares motions, `scenes` has what they are compared on; tests use both. Reads the processor's
 //! clock, writes no files. Must not know the command line.
 
 pub mod computer;
 pub mod table;
-pub mod plot;
 pub mod scenes;
 pub mod records;
 pub mod simulator;

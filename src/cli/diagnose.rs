@@ -6,6 +6,7 @@ use super::input;
 use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
+use super::page;
 use super::progress::Progress;
 use super::report;
 use super::report::Layout;
@@ -37,6 +38,7 @@ Examples:
   rotorwatch diagnose --machine rig.toml run-7.h5
   rotorwatch diagnose --machine rig.toml --baseline healthy.h5 run-7.h5 run-8.h5
   rotorwatch diagnose --machine rig.toml --format json --out verdicts.jsonl runs/*.h5
+  rotorwatch diagnose --machine rig.toml --format html --out run-7.html run-7.h5
   rotorwatch diagnose --machine rig.toml --fail-on damaged run-7.h5 || page-someone
   rotorwatch diagnose --machine rig.toml --rate 12000 --map 'DE=/acc x,unit=g' run-7.csv
   rotorwatch diagnose --machine rig.toml --map DE=/ch1,unit=V,scale=1.5e-4 run-7.wav
@@ -67,7 +69,7 @@ pub struct Arguments {
     /// What the files do not say.
     #[command(flatten)]
     pub hints: HintArguments,
-    /// Text for people, or one JSON document a line for each capture.
+    /// Text for people, one JSON document a line for each capture, or a page with pictures of one capture.
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
     /// Show the evidence for every component, not only for those accused (JSON always has it).
@@ -88,6 +90,8 @@ pub enum Format {
     Text,
     /// For programs: `docs/schemas/diagnosis-1.schema.json`.
     Json,
+    /// One page of HTML that needs nothing else.
+    Html,
 }
 
 /// From which state on the exit code is 1.
@@ -121,6 +125,10 @@ enum DiagnoseError {
     Baseline { file: PathBuf, source: Box<OfflineError> },
     #[error("{}: --out would replace a file that is read; choose another name", file.display())]
     Overwrites { file: PathBuf },
+    #[error("--format html makes a page of one capture, here are {0}; call it once for each")]
+    Pages(usize),
+    #[error("the page cannot be made")]
+    Page(#[from] Box<OfflineError>),
     #[error("the verdict cannot be written as JSON")]
     Json(#[from] serde_json::Error),
 }
@@ -160,7 +168,10 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 
 fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
     refuse_to_overwrite_inputs(arguments)?;
-    let progress = Progress::new(arguments.format == Format::Text);
+    if arguments.format == Format::Html && arguments.captures.len() > 1 {
+        return Err(DiagnoseError::Pages(arguments.captures.len()));
+    }
+    let progress = Progress::new(arguments.format != Format::Json);
     let machine = arguments.machine.as_deref().map(input::machine).transpose()?;
     let mut reference = Reference {
         machine: machine.map(Arc::new),
@@ -179,7 +190,7 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         let found = progress.of(file, |told| offline::diagnose(file, &reference, told));
         match found {
             Ok(diagnosis) => {
-                let text = writer.text(&diagnosis, file, tally.n_diagnosed == 0)?;
+                let text = writer.text(&diagnosis, file, &reference, tally.n_diagnosed == 0)?;
                 output.write(&text)?;
                 tally.n_diagnosed += 1;
                 let met = |fail_on: FailOn| fail_on.is_met_by(diagnosis.state);
@@ -257,6 +268,7 @@ impl Writer {
         &self,
         diagnosis: &Diagnosis,
         file: &Path,
+        reference: &Reference,
         is_first: bool,
     ) -> Result<String, DiagnoseError> {
         let name = file.display().to_string();
@@ -268,6 +280,10 @@ impl Writer {
             Format::Json => {
                 let document = DiagnosisDocument::new(diagnosis, Some(&name));
                 Ok(serde_json::to_string(&document)? + "\n")
+            }
+            Format::Html => {
+                let made = page::of(file, &name, diagnosis, reference, "");
+                Ok(made.map_err(Box::new)?)
             }
         }
     }

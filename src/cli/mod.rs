@@ -9,6 +9,7 @@ pub mod output;
 pub mod terminal;
 pub mod progress;
 pub mod report;
+pub mod page;
 pub mod diagnose;
 pub mod evaluate;
 pub mod check;

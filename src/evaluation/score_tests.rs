@@ -114,7 +114,7 @@ fn an_accusation_without_a_cause_is_a_detection() {
 fn nothing_accused_is_undetermined_or_missed_by_the_labelled_component() {
     let inner = label(FaultMode::InnerRace, "de");
     let open = part("de", Bearing, Undetermined, None);
-    let score = of(&inner, &[open.clone()]);
+    let score = of(&inner, std::slice::from_ref(&open));
     assert_eq!(score.outcome, Outcome::Undetermined);
     let reasons: Vec<_> =
         score.open.iter().map(|o| (o.component.as_str(), o.why.as_str())).collect();
@@ -183,7 +183,7 @@ fn of_several_faults_all_must_be_named_and_the_worst_counts() {
     let bearing = part("de", Bearing, Damaged, Some(FaultMode::InnerRace));
     let bow = part("main", Shaft, Warning, Some(FaultMode::Bow));
     assert_eq!(outcome(&both, &[bearing.clone(), bow]), Outcome::Right);
-    assert_eq!(outcome(&both, &[bearing.clone()]), Outcome::Missed);
+    assert_eq!(outcome(&both, std::slice::from_ref(&bearing)), Outcome::Missed);
     assert_eq!(
         outcome(&both, &[bearing.clone(), part("main", Shaft, Warning, None)]),
         Outcome::Detected

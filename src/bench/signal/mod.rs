@@ -8,9 +8,10 @@ pub(super) mod recording;
 mod reference;
 
 use super::clock::{self, Timing, Work};
-use super::plot::{self, Series, Words};
 use super::table::{Cell, Column};
 use super::{BenchError, Tell};
+use crate::plot::Words;
+use crate::plot::log_log::{self, Series};
 use jobs::Named;
 use serde_json::{Value, json};
 
@@ -170,5 +171,5 @@ pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
         x: "processor time a call, µs",
         y: "largest error ÷ largest value",
     };
-    plot::log_log(&words, &series)
+    log_log::log_log(&words, &series)
 }

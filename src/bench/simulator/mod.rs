@@ -5,10 +5,11 @@
 mod cost;
 mod error;
 
-use super::plot::{self, Series, Words};
 use super::scenes::{self, A3};
 use super::table::{Cell, Column};
 use super::{BenchError, Tell};
+use crate::plot::Words;
+use crate::plot::log_log::{self, Series};
 use crate::simulator::scene::builtin;
 use crate::simulator::scene::{Scene, Start};
 use crate::simulator::simulation::Simulation;
@@ -187,5 +188,5 @@ pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
         x: "processor time a simulated second, s",
         y: "largest error ÷ largest value",
     };
-    plot::log_log(&words, &series)
+    log_log::log_log(&words, &series)
 }

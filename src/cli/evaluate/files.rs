@@ -1,18 +1,26 @@
 //! The folder of `--out`: the document, a line a record, a page a record.
 
 use super::EvaluateError;
+use super::index;
+use super::index::Listed;
 use super::table::Case;
 use crate::api::wire::evaluation::EvaluationDocument;
 use crate::bench::table;
 use crate::bench::table::Cell;
 use crate::bench::table::Column;
 use crate::cli::output::Output;
+use crate::cli::page;
 use crate::diagnosis::fault::State;
-use crate::evaluation::summary::Record;
+use crate::evaluation::score::Accusation;
+use crate::evaluation::score::Score;
 use crate::evaluation::summary::Summary;
+use crate::evaluation::truth::Known;
+use crate::offline::Reference;
+use crate::plot::escaped;
 use std::fs;
 use std::path::Path;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Columns of `verdicts.csv`.
 const COLUMNS: [&str; 15] = [
@@ -38,32 +46,79 @@ const COLUMNS: [&str; 15] = [
 pub(super) struct Folder {
     path: PathBuf,
     rows: Vec<Vec<Cell>>,
+    listed: Vec<Listed>,
 }
+
+/// Files of the folder.
+const VERDICTS: &str = "verdicts.csv";
+const DOCUMENT: &str = "evaluation.json";
+const INDEX: &str = "index.html";
+
+/// Folder of the pages of records.
+const PAGES: &str = "records";
+
+/// Characters of a capture's name that its page's name keeps at most.
+const NAME_MAX: usize = 80;
 
 impl Folder {
     /// Makes the folder, before any work is done.
     pub(super) fn make(path: &Path) -> Result<Self, EvaluateError> {
         let cannot = |source| EvaluateError::Folder { folder: path.to_owned(), source };
-        fs::create_dir_all(path).map_err(cannot)?;
-        Ok(Self { path: path.to_owned(), rows: Vec::new() })
+        fs::create_dir_all(path.join(PAGES)).map_err(cannot)?;
+        Ok(Self { path: path.to_owned(), rows: Vec::new(), listed: Vec::new() })
     }
 
-    /// Takes a record.
+    /// Whether a file is one of those that are written here.
+    pub(super) fn would_replace(&self, file: &Path) -> bool {
+        let same = |name: &str| {
+            let (ours, theirs) = (fs::canonicalize(self.path.join(name)), fs::canonicalize(file));
+            matches!((ours, theirs), (Ok(ours), Ok(theirs)) if ours == theirs)
+        };
+        [VERDICTS, DOCUMENT, INDEX].iter().any(|name| same(name))
+    }
+
+    /// Takes a record and writes its page.
     pub(super) fn add(&mut self, case: &Case<'_>) -> Result<(), EvaluateError> {
+        let score = case.record.score.as_ref();
+        let page = match &case.diagnosis {
+            Some(diagnosis) => {
+                let name =
+                    format!("{PAGES}/{}-{}.html", self.rows.len() + 1, slug(&case.record.file));
+                let reference =
+                    Reference { machine: Some(Arc::clone(&case.machine)), ..Reference::default() };
+                let page =
+                    page::of(&case.file, &case.record.file, diagnosis, &reference, &above(case));
+                self.file(&name, &page.map_err(Box::new)?)?;
+                Some(name)
+            }
+            None => None,
+        };
+        let said =
+            |score: &Score| score.accusations.iter().map(words).collect::<Vec<_>>().join("; ");
         self.rows.push(row(case));
+        self.listed.push(Listed {
+            file: case.record.file.clone(),
+            page,
+            dataset: case.record.dataset.clone(),
+            label: case.record.label.clone(),
+            outcome: score.map(|s| (s.outcome, s.accepted)).map_err(Clone::clone),
+            state: case.diagnosis.as_ref().map(|d| d.state),
+            said: score.map(said).unwrap_or_default(),
+        });
         Ok(())
     }
 
     /// Writes what is told of all records.
     pub(super) fn finish(
         self,
-        _records: &[Record],
-        _summary: &Summary<'_>,
+        truth: &str,
+        summary: &Summary<'_>,
         document: &EvaluationDocument,
     ) -> Result<(), EvaluateError> {
         let columns = COLUMNS.map(|name| Column { name, width: 0 });
-        self.file("verdicts.csv", &table::csv(&columns, &self.rows))?;
-        self.file("evaluation.json", &(serde_json::to_string_pretty(document)? + "\n"))
+        self.file(VERDICTS, &table::csv(&columns, &self.rows))?;
+        self.file(DOCUMENT, &(serde_json::to_string_pretty(document)? + "\n"))?;
+        self.file(INDEX, &index::page(truth, summary, &self.listed))
     }
 
     fn file(&self, name: &str, text: &str) -> Result<(), EvaluateError> {
@@ -71,6 +126,61 @@ impl Folder {
         output.write(text)?;
         Ok(output.finish()?)
     }
+}
+
+/// What the table says of a record, over the page of its verdict.
+fn above(case: &Case<'_>) -> String {
+    let row = case.row;
+    let mut label = row.label.clone();
+    if !labelled(case).is_empty() {
+        label.push_str(&format!(" at {}", labelled(case)));
+    }
+    if !row.severity.is_empty() {
+        label.push_str(&format!(" ({})", row.severity));
+    }
+    let outcome = match &case.record.score {
+        Ok(score) if score.accepted => format!("{}, which the table accepts", score.outcome.name()),
+        Ok(score) => score.outcome.name().to_owned(),
+        Err(why) => format!("not scored: {why}"),
+    };
+    let notes = if row.notes.is_empty() { String::new() } else { format!(" {}", row.notes) };
+    format!(
+        "<p class=\"soft\"><a href=\"../index.html\">All records</a>. Labelled {}; outcome: {}.{}</p>\n",
+        escaped(&label),
+        escaped(&outcome.replace('_', " ")),
+        escaped(&notes)
+    )
+}
+
+/// `de: inner_race`.
+fn words(accusation: &Accusation) -> String {
+    let fault = accusation.fault.map_or("cause not proven", |fault| fault.name());
+    format!("{}: {fault}", accusation.component)
+}
+
+/// Ids of the labelled components.
+fn labelled(case: &Case<'_>) -> String {
+    match &case.row.known {
+        Known::Faults(faults) => {
+            faults.iter().filter_map(|f| f.component.as_deref()).collect::<Vec<_>>().join(";")
+        }
+        Known::RunToFailure => String::new(),
+    }
+}
+
+/// A file's name without folders, with nothing in it that links or file systems mind.
+fn slug(file: &str) -> String {
+    let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
+    let mut slug = String::new();
+    for character in name.chars().take(NAME_MAX) {
+        let kept = character.is_ascii_alphanumeric() || "._".contains(character);
+        if kept {
+            slug.push(character);
+        } else if !slug.ends_with('-') {
+            slug.push('-');
+        }
+    }
+    slug
 }
 
 /// The line of a record: what was accused first, worst state first.
@@ -91,17 +201,11 @@ fn row(case: &Case<'_>) -> Vec<Cell> {
     let components = case.diagnosis.iter().flat_map(|d| &d.components);
     let open: Vec<&str> =
         components.filter(|c| c.state == State::Undetermined).map(|c| c.id.as_str()).collect();
-    let labelled = match &case.row.known {
-        crate::evaluation::truth::Known::Faults(faults) => {
-            faults.iter().filter_map(|f| f.component.as_deref()).collect::<Vec<_>>().join(";")
-        }
-        crate::evaluation::truth::Known::RunToFailure => String::new(),
-    };
     vec![
         text(&case.record.file),
         text(&case.record.dataset),
         text(&case.record.label),
-        text(&labelled),
+        text(&labelled(case)),
         text(&case.row.severity),
         text(score.map_or("", |s| s.outcome.name())),
         text(score.map_or("", |s| if s.accepted { "yes" } else { "no" })),
@@ -114,4 +218,30 @@ fn row(case: &Case<'_>) -> Vec<Cell> {
         number(case.record.processor_s),
         text(case.record.score.as_ref().err().map_or("", String::as_str)),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_pages_hold_nothing_that_steers() {
+        assert_eq!(slug("a/b/run 7, (inner).h5"), "run-7-inner-.h5");
+        assert_eq!(slug("..\\x<\"&#?.h5"), "x-.h5");
+        assert_eq!(slug(&"é".repeat(300)), "-");
+    }
+
+    #[test]
+    fn a_truth_table_of_the_same_name_is_not_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = Folder::make(dir.path()).unwrap();
+        let table = dir.path().join(VERDICTS);
+        assert!(!folder.would_replace(&table), "there is none yet");
+        fs::write(&table, "file\n").unwrap();
+        assert!(
+            folder.would_replace(&table)
+                && folder.would_replace(&dir.path().join("records/../verdicts.csv"))
+        );
+        assert!(!folder.would_replace(&dir.path().join("truth.csv")));
+    }
 }

@@ -1,10 +1,11 @@
 //! `rotorwatch evaluate`: captures of which the truth is known → how often the diagnosis is right.
 //!
-//! [`table`] diagnoses what a truth table lists and scores it; [`text`] and [`files`] say what came of it. A
+//! `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index` say what came of it. A
 //! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
 //! baselines of its row: no label, no speed and no name of the table.
 
 mod files;
+mod index;
 mod table;
 mod text;
 
@@ -16,6 +17,7 @@ use crate::api::wire::evaluation::EvaluationDocument;
 use crate::evaluation::summary::Record;
 use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::TruthErrors;
+use crate::offline::OfflineError;
 use clap::Args;
 use clap::ValueEnum;
 use std::io;
@@ -80,10 +82,14 @@ pub(super) enum EvaluateError {
     Truth(#[from] TruthErrors),
     #[error("{0}")]
     Machines(String),
+    #[error("{}: --out would replace the truth table; choose another folder", file.display())]
+    Overwrites { file: PathBuf },
     #[error("{}: cannot be made", folder.display())]
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
     Output(#[from] OutputError),
+    #[error("the page of a record cannot be made")]
+    Page(#[from] Box<OfflineError>),
     #[error("the evaluation cannot be written as JSON")]
     Json(#[from] serde_json::Error),
 }
@@ -109,6 +115,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
     let task = table::Task::read(&arguments.truth, arguments.machines.as_deref())?;
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
+    if folder.as_ref().is_some_and(|folder| folder.would_replace(&arguments.truth)) {
+        return Err(EvaluateError::Overwrites { file: arguments.truth.clone() });
+    }
     let mut records = Vec::new();
     task.diagnose(arguments.format == Format::Text, &mut |case| {
         if let Some(folder) = &mut folder {
@@ -132,7 +141,7 @@ fn tell(
     let summary = Summary::of(records);
     let document = EvaluationDocument::new(records, &summary, truth);
     if let Some(folder) = folder {
-        folder.finish(records, &summary, &document)?;
+        folder.finish(truth, &summary, &document)?;
     }
     let mut stdout = Output::open(None)?;
     match format {

@@ -17,6 +17,9 @@ use crate::evaluation::summary::Summary;
 /// How far lines below a heading are set in.
 const INDENT: usize = 2;
 
+/// Lines of a list at most; the document of `--format json` has all.
+const LINES_MAX: usize = 60;
+
 /// Sets an evaluation as text; ends with a line break.
 pub(super) fn of(records: &[Record], summary: &Summary<'_>, truth: &str, page: &Page) -> String {
     let mut out = String::new();
@@ -234,8 +237,11 @@ fn list(out: &mut String, title: &str, lines: impl ExactSizeIterator<Item = Stri
         "\n{title}: {}\n",
         if n == 0 { "none".to_owned() } else { n.to_string() }
     ));
-    for line in lines {
+    for line in lines.take(LINES_MAX) {
         page.hanging(out, INDENT, 2 * INDENT, &line);
+    }
+    if n > LINES_MAX {
+        out.push_str(&format!("  … and {} more, see --format json\n", n - LINES_MAX));
     }
 }
 

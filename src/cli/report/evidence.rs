@@ -4,8 +4,8 @@ use super::super::terminal::Page;
 use super::super::terminal::clean;
 use super::super::terminal::columns;
 use super::INDENT;
-use super::numbers;
 use crate::diagnosis::verdict::Evidence;
+use crate::html::numbers;
 use crate::units::Unit;
 
 /// Columns of the table.

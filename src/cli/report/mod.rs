@@ -4,7 +4,6 @@
 //! nothing is judged here, and nothing but the page is asked where it will stand.
 
 mod evidence;
-mod numbers;
 mod timeline;
 
 use super::terminal::Page;
@@ -19,6 +18,7 @@ use crate::diagnosis::verdict::Diagnosis;
 use crate::diagnosis::verdict::GearFinding;
 use crate::diagnosis::verdict::OperatingState;
 use crate::features::speed::SpeedSource;
+use crate::html::numbers;
 
 /// How far paragraphs of a component are set in.
 const INDENT: usize = 2;

@@ -3,11 +3,11 @@
 use super::super::terminal::Page;
 use super::super::terminal::clean;
 use super::INDENT;
-use super::numbers;
 use super::state_word;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::diagnosis::verdict::Timeline;
+use crate::html::numbers;
 
 /// Most runs written out; of more, the last ones.
 const MAX_RUNS: usize = 20;

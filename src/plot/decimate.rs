@@ -3,7 +3,7 @@
 /// Gives the places to keep so that at most `max_points` (≥ 2) are left and each stretch keeps its
 /// smallest and its largest value; rising. Values that are not finite are passed over.
 #[must_use]
-pub(super) fn min_max(n: usize, max_points: usize, value: impl Fn(usize) -> f64) -> Vec<usize> {
+pub fn min_max(n: usize, max_points: usize, value: impl Fn(usize) -> f64) -> Vec<usize> {
     if n <= max_points {
         return (0..n).collect();
     }
@@ -22,7 +22,7 @@ pub(super) fn min_max(n: usize, max_points: usize, value: impl Fn(usize) -> f64)
 
 /// Gives the place of the largest value of each of at most `max_points` (≥ 1) stretches.
 #[must_use]
-pub(super) fn peaks(n: usize, max_points: usize, value: impl Fn(usize) -> f64) -> Vec<usize> {
+pub fn peaks(n: usize, max_points: usize, value: impl Fn(usize) -> f64) -> Vec<usize> {
     if n <= max_points {
         return (0..n).collect();
     }

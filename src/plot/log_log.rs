@@ -1,5 +1,7 @@
 //! A plot of points on two logarithmic axes, as SVG.
 
+use super::Words;
+use super::escaped;
 use std::fmt::Write;
 
 /// Size of the picture and its margins: left, top, right, bottom; pixels.
@@ -16,17 +18,6 @@ pub struct Series {
     pub name: String,
     /// x and y, both above 0; others are left out.
     pub points: Vec<(f64, f64)>,
-}
-
-/// Words of a plot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Words<'a> {
-    /// Above it.
-    pub title: &'a str,
-    /// Of the two axes, with units.
-    pub x: &'a str,
-    /// See `x`.
-    pub y: &'a str,
 }
 
 /// Whole decades, the first and the last exponent.
@@ -114,10 +105,6 @@ fn dot((x, y): (f64, f64), colour: &str) -> String {
 
 fn label((x, y): (f64, f64), anchor: &str, text: &str) -> String {
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{text}</text>")
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Numbers for people: as many figures as mean something.
 
 /// Three significant figures, without an exponent from 0.001 to 9,999,999.
-pub(super) fn significant(value: f64) -> String {
+#[must_use]
+pub fn significant(value: f64) -> String {
     let size = value.abs();
     if !value.is_finite() {
         return "-".to_owned();
@@ -24,13 +25,15 @@ pub(super) fn significant(value: f64) -> String {
 }
 
 /// A duration or time in seconds, to the millisecond at most, without trailing zeros.
-pub(super) fn seconds(value: f64) -> String {
+#[must_use]
+pub fn seconds(value: f64) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// A probability: small ones by their power of ten.
-pub(super) fn probability(value: f64) -> String {
+#[must_use]
+pub fn probability(value: f64) -> String {
     if !value.is_finite() {
         return "-".to_owned();
     }
@@ -43,7 +46,8 @@ pub(super) fn probability(value: f64) -> String {
 }
 
 /// A whole number in groups of three: `363,000`.
-pub(super) fn count(value: u64) -> String {
+#[must_use]
+pub fn count(value: u64) -> String {
     let digits = value.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {

@@ -1,0 +1,190 @@
+//! Pages of a diagnosis written by hand, over samples whose truth is known.
+
+use super::recording::Track;
+use super::*;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::verdict::Coverage;
+use crate::diagnosis::verdict::DataQuality;
+use crate::diagnosis::verdict::Evidence;
+use crate::diagnosis::verdict::OperatingState;
+use crate::machine::file;
+use crate::signal::ChannelInfo;
+use crate::units::Hz;
+use crate::units::Unit;
+
+const MACHINE: &str = r#"
+[machine]
+id = "rig"
+[[shaft]]
+id = "main"
+speed_hz = 20.0
+[[bearing]]
+id = "de"
+shaft = "main"
+elements = 9
+element_diameter_mm = 7.94
+pitch_diameter_mm = 39.04
+[[gear]]
+id = "mesh"
+driving = { shaft = "main", teeth = 20 }
+driven = { shaft = "slow", teeth = 40 }
+[[shaft]]
+id = "slow"
+[[sensor]]
+channel = "x"
+kind = "accelerometer"
+unit = "m/s^2"
+at = { bearing = "de" }
+axis_deg = 0.0
+[[sensor]]
+channel = "y"
+kind = "accelerometer"
+unit = "m/s^2"
+at = { bearing = "de" }
+axis_deg = 90.0
+"#;
+
+const FS_HZ: f64 = 8000.0;
+const LINE_HZ: f64 = 108.3;
+
+/// A carrier of 1 kHz whose strength swings at the line's rate, beside a steady one of 3 kHz.
+fn track(name: &str, phase: f64) -> Track {
+    let turn = |f_hz: f64, i: u32| std::f64::consts::TAU * f_hz * f64::from(i) / FS_HZ + phase;
+    let value = |i: u32| {
+        (1.0 + 0.8 * turn(LINE_HZ, i).cos()) * turn(1000.0, i).cos() + turn(3000.0, i).cos()
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
+    let samples = (0..16_000).map(|i| value(i) as f32).collect();
+    let info = ChannelInfo {
+        name: name.to_owned(),
+        sample_rate: Hz(FS_HZ),
+        unit: Unit::MetrePerSecondSquared,
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
+    };
+    Track { info, start: 0, start_s: 0.0, samples }
+}
+
+fn diagnosis() -> Diagnosis {
+    let evidence = |indicator: &str, at: f64, value: f64| Evidence {
+        indicator: indicator.to_owned(),
+        channel: "x".to_owned(),
+        detector: None,
+        frequency: Some(Hz(at)),
+        expected: Some(Hz(at)),
+        order: None,
+        value,
+        unit: Unit::One,
+        threshold: Some(0.5),
+        false_alarm_probability: Some(1e-9),
+        sample_range: None,
+    };
+    let open = ComponentDiagnosis::undetermined("de", ComponentKind::Bearing, "a <b> & c".into());
+    let bearing = ComponentDiagnosis {
+        state: State::Damaged,
+        fault: Some(FaultMode::InnerRace),
+        severity: Some(0.6),
+        confidence: Some(0.9),
+        evidence: vec![
+            evidence("envelope_line_bpfo", 71.7, 5.0),
+            evidence("envelope_line_bpfi", LINE_HZ, 0.8),
+        ],
+        ..open
+    };
+    let gear = ComponentDiagnosis {
+        state: State::Healthy,
+        evidence: vec![evidence("cwt_ratio_to_baseline", 20.0, 1.0)],
+        ..ComponentDiagnosis::undetermined("mesh", ComponentKind::Gear, "fine".into())
+    };
+    Diagnosis {
+        machine: "rig".to_owned(),
+        duration_s: 2.0,
+        samples_used: 32_000,
+        samples_rejected: 0,
+        rejected_because: Vec::new(),
+        shaft_speed: Some(Hz(20.0)),
+        shaft_speeds: vec![("main".to_owned(), Hz(20.0)), ("slow".to_owned(), Hz(10.0))],
+        speed_source: None,
+        speed_confidence: 1.0,
+        operating_state: OperatingState::Running,
+        state: State::Damaged,
+        coverage: Coverage { judged: 2, undetermined: Vec::new() },
+        data_quality: DataQuality::Ok,
+        components: vec![gear, bearing],
+        warnings: vec!["<script>".to_owned()],
+        notes: Vec::new(),
+        baselines: Vec::new(),
+        provisional_baseline: None,
+        timeline: None,
+        first_warning_s: None,
+        first_damaged_s: None,
+        sample_ranges: Vec::new(),
+    }
+}
+
+fn with(tracks: &[Track]) -> String {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let diagnosis = diagnosis();
+    let name = "run 7 <1>.h5";
+    page(&Subject { name, diagnosis: &diagnosis, machine: &machine, tracks, above: "" })
+}
+
+#[test]
+fn a_page_shows_every_verdict_with_its_pictures_and_needs_nothing_else() {
+    let page = with(&[track("x", 0.0), track("y", 0.3)]);
+    for part in [
+        "<h1>run 7 &lt;1&gt;.h5</h1>",
+        "bearing de: <span class=\"state damaged\">damaged</span>, inner race",
+        "a &lt;b&gt; &amp; c",
+        "<td>envelope_line_bpfi</td><td>x</td><td class=\"n\">108.30</td>",
+        "Squared envelope of x",
+        "Wavelet map of x, mesh mesh",
+        "Waveform of y",
+        "Amplitude spectrum of x",
+        "Orbit of x and y",
+        "warning: &lt;script&gt;",
+    ] {
+        assert!(page.contains(part), "{part} not in the page");
+    }
+    // The accused part comes first, as in every report.
+    assert!(page.find("bearing de").unwrap() < page.find("gear mesh").unwrap());
+    for outside in ["<script", "http://", "https://", "url(", "@import", "NaN", "inf"] {
+        let inside = page.replace("http://www.w3.org/2000/svg", "").replace("inform", "");
+        assert!(!inside.contains(outside), "{outside}");
+    }
+}
+
+#[test]
+fn the_band_shown_is_the_one_that_swings_and_the_line_that_of_the_fault() {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let diagnosis = diagnosis();
+    let bearing = &diagnosis.components[1];
+    let (line, evidence) = envelope::deciding(bearing).unwrap();
+    assert_eq!(
+        (line.slug(), evidence.value),
+        ("bpfi", 0.8),
+        "not the deeper one of another element"
+    );
+    let figure = envelope::figure(bearing, &machine, 20.0, &[track("x", 0.0)]).unwrap();
+    // Bands of 0…3800 Hz are split in quarters: 1 kHz swings in the second, 3 kHz is steady.
+    assert!(
+        figure.svg.contains("950 to 1900 Hz") || figure.svg.contains("0 to 1900 Hz"),
+        "{}",
+        &figure.svg[..300]
+    );
+    // Fundamental and harmonics; side bands one turn apart: 20 Hz below is 88.3 Hz.
+    assert!(figure.svg.contains("<title>BPFI: 108.30</title>"));
+    assert!(figure.svg.contains("<title>3·BPFI: 324.90</title>"));
+    assert!(figure.svg.contains("<title>−1×: 88.30</title>"));
+    assert!(figure.svg.contains("<title>BPFO: 71.70</title>"));
+    assert!(figure.caption.contains("found at 108.30 Hz"));
+}
+
+#[test]
+fn without_samples_the_words_remain() {
+    let page = with(&[]);
+    assert!(page.contains("inner race") && !page.contains("<svg"));
+    let short = Track { samples: vec![1.0; 3], ..track("x", 0.0) };
+    assert!(with(&[short]).contains("inner race"), "too few samples for any picture");
+}
