@@ -15,6 +15,7 @@ pub mod alarms;
 pub mod pipeline;
 pub mod simulator;
 pub mod evaluation;
+pub mod trials;
 pub mod plot;
 pub mod html;
 pub mod capture;

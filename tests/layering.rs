@@ -27,6 +27,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("simulator", &["units", "signal", "machine"]),
     ("evaluation", &["diagnosis"]),
+    (
+        "trials",
+        &["units", "signal", "machine", "dsp", "diagnosis", "pipeline", "simulator", "evaluation"],
+    ),
     ("plot", &[]),
     ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
     ("capture", &["units", "signal", "machine"]),

@@ -1,10 +1,11 @@
 //! Records made on the fly with a known answer, to try the diagnosis on: of a stand in closed form
 //! ([`stand`]), and of the simulated rig ([`rig`]).
 //!
-//! A trial hands the monitor samples, channels and what a machine file would say, nothing of the
+//! [`grid`] says which. A trial hands the monitor samples, channels and what a machine file would say, nothing of the
 //! answer; the verdict is scored like that on any recording. Pure: the seed makes the record. Must not know
 //! files, the clock, or how verdicts come about.
 
+pub mod grid;
 pub mod motion;
 pub mod rig;
 pub mod stand;

@@ -30,10 +30,7 @@ use toml::Value;
 
 /// Scene and machine file that everything is made of.
 const SCENE: &str = "BG_BS_BB";
-const MACHINE: &str = "rig.toml";
-
-/// Channels of the tacho are handed on as they are.
-const TACHO: &str = "tacho";
+const MACHINE: &str = "../machines/rig.toml";
 
 /// Which parts are bad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,24 +44,27 @@ pub struct Bad {
 }
 
 impl Bad {
-    const NOTHING: Self = Self { gear: false, shaft: false, bearing: None };
+    /// A rig in good health.
+    pub const NOTHING: Self = Self { gear: false, shaft: false, bearing: None };
 
     /// The source's name of the combination, as in `GG_BS_BB`.
     #[must_use]
     pub fn name(self) -> String {
         let word = |bad: bool| if bad { 'B' } else { 'G' };
-        let (gear, shaft, bearing) = (word(self.gear), word(self.shaft), word(self.bearing.is_some()));
+        let (gear, shaft, bearing) =
+            (word(self.gear), word(self.shaft), word(self.bearing.is_some()));
         format!("{gear}G_{shaft}S_{bearing}B")
     }
 
-    fn known(self) -> Vec<KnownFault> {
+    /// What is to be found: of gear and shaft only what a baseline can tell.
+    fn known(self, has_baseline: bool) -> Vec<KnownFault> {
         let fault = |is_there: bool, fault: FaultMode, component: &str| {
             is_there.then(|| KnownFault { fault, component: Some(component.to_owned()) })
         };
         [
             fault(self.bearing.is_some(), FaultMode::InnerRace, "right"),
-            fault(self.shaft, FaultMode::Bow, "main"),
-            fault(self.gear, FaultMode::ToothDamage, "mesh-1"),
+            fault(self.shaft && has_baseline, FaultMode::Bow, "main"),
+            fault(self.gear && has_baseline, FaultMode::ToothDamage, "mesh-1"),
         ]
         .into_iter()
         .flatten()
@@ -169,9 +169,9 @@ impl Rig {
     ) -> Result<Trial, RigError> {
         let name = self.setting.bad.name();
         let mut baseline = Baseline::default();
+        let levels: Vec<f64> =
+            self.measured.samples.iter().map(|x| rms(x) * gain(noise_db)).collect();
         if let Some(twin) = twin {
-            let levels: Vec<f64> =
-                self.measured.samples.iter().map(|x| rms(x) * gain(noise_db)).collect();
             let measured = noisy(&twin.measured, &levels, twin.setting.seed);
             let record = measured.learn("healthy");
             let why = |e: crate::pipeline::MonitorError| RigError {
@@ -180,14 +180,12 @@ impl Rig {
             };
             baseline.records.push(record.map_err(why)?);
         }
-        let levels: Vec<f64> =
-            self.measured.samples.iter().map(|x| rms(x) * gain(noise_db)).collect();
         let defect = self.setting.bad.bearing.map_or(String::new(), |n| format!(" #{n}"));
         Ok(Trial {
             group: group.to_owned(),
-            label: format!("{name}{defect}"),
+            label: name.clone(),
             name: format!("{group}, {name}{defect}, {:?}, noise {noise_db:?} dB", self.setting),
-            known: Known::Faults(self.setting.bad.known()),
+            known: Known::Faults(self.setting.bad.known(twin.is_some())),
             measured: noisy(&self.measured, &levels, self.setting.seed),
             baseline,
         })
@@ -235,7 +233,6 @@ fn channel(name: &str, unit: &str, rate_hz: f64) -> ChannelInfo {
         unit: match unit {
             "um" => Unit::Micrometre,
             "V" => Unit::Volt,
-            _ if name == TACHO => Unit::Volt,
             _ => Unit::MetrePerSecondSquared,
         },
         offset: 0.0,

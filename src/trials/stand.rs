@@ -1,8 +1,8 @@
 //! Trials of a motor stand in closed form: bearing defects, and everything that only looks like one.
 //!
 //! Two bearings with a sensor each, a tacho or not. No simulation of a rig: strikes at kinematic
-//! rates with slip through random transfer paths, noise, tones. Nothing here was looked at by those who
-//! set a threshold beyond what `docs/accuracy.md` says.
+//! rates with slip through random transfer paths, noise, tones. Seeds below 1000 are for those who set rules,
+//! figures come from the others.
 
 use super::Measured;
 use super::Trial;
@@ -45,7 +45,8 @@ const MACHINE: &str = "[machine]\nid = \"stand\"\nname = \"Motor stand\"\n[[shaf
     [[sensor]]\nchannel = \"DE\"\nkind = \"accelerometer\"\nat = { bearing = \"drive-end\" }\n\
     [[sensor]]\nchannel = \"FE\"\nkind = \"accelerometer\"\nat = { bearing = \"fan-end\" }\n";
 
-const TACHO: &str = "[[sensor]]\nchannel = \"tacho\"\nkind = \"tacho\"\nat = { shaft = \"motor\" }\n";
+const TACHO: &str =
+    "[[sensor]]\nchannel = \"tacho\"\nkind = \"tacho\"\nat = { shaft = \"motor\" }\n";
 
 /// What a healthy machine may also sound like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -161,17 +162,15 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         channel("FE", Unit::MetrePerSecondSquared),
     ];
     if setting.has_tacho {
-        let is_mark =
-            |i: usize| turn.revolutions(i as f64 / RATE_HZ).rem_euclid(1.0) < 0.1;
+        let is_mark = |i: usize| turn.revolutions(i as f64 / RATE_HZ).rem_euclid(1.0) < 0.1;
         samples.push((0..N_SAMPLES).map(|i| if is_mark(i) { 5.0 } else { 0.0 }).collect());
         channels.push(channel("tacho", Unit::Volt));
     }
     let mean_hz = turn.revolutions(duration_s) / duration_s;
     let written = Hz(mean_hz * (1.0 + random.random_range(-0.002..0.002)));
-    let known = setting.defect.map(|defect| KnownFault {
-        fault: defect.fault(),
-        component: Some(DAMAGED.to_owned()),
-    });
+    let known = setting
+        .defect
+        .map(|defect| KnownFault { fault: defect.fault(), component: Some(DAMAGED.to_owned()) });
     let label = setting.defect.map_or_else(
         || format!("healthy: {}", setting.disturbance.name()),
         |defect| defect.fault().name().to_owned(),
@@ -267,12 +266,8 @@ fn foreign_strikes(
     turn: &Turn,
     random: &mut Pcg64Mcg,
 ) -> Vec<(Vec<f64>, f64)> {
-    let even = |order: f64, jitter: f64| Strikes {
-        order,
-        jitter,
-        scatter: 0.2,
-        modulation: (1.0, 0.0),
-    };
+    let even =
+        |order: f64, jitter: f64| Strikes { order, jitter, scatter: 0.2, modulation: (1.0, 0.0) };
     let mut make = |strikes: Strikes, turn: &Turn| strikes.make(turn, N_SAMPLES, RATE_HZ, random);
     match disturbance {
         Disturbance::None | Disturbance::Pink | Disturbance::Hum | Disturbance::Tones => Vec::new(),
@@ -302,9 +297,7 @@ fn unknown_order(machine: &Machine, random: &mut Pcg64Mcg) -> f64 {
         .collect();
     loop {
         let order = random.random_range(2.0..8.0);
-        let meets = |line: &f64| {
-            (1..=4).any(|k| (f64::from(k) * order / line - 1.0).abs() < 0.03)
-        };
+        let meets = |line: &f64| (1..=4).any(|k| (f64::from(k) * order / line - 1.0).abs() < 0.03);
         if !listed.iter().any(meets) {
             return order;
         }
@@ -337,8 +330,7 @@ fn add_tones(x: &mut [f64], disturbance: Disturbance, turn: &Turn, random: &mut 
 
 /// Noise of −3 dB an octave: first-order low-passes an octave and a half apart, of equal power.
 fn pink(random: &mut Pcg64Mcg) -> Vec<f64> {
-    let poles: Vec<f64> =
-        (0..7).map(|k| (-TAU * 8.0 * 3.0_f64.powi(k) / RATE_HZ).exp()).collect();
+    let poles: Vec<f64> = (0..7).map(|k| (-TAU * 8.0 * 3.0_f64.powi(k) / RATE_HZ).exp()).collect();
     let mut states = vec![0.0; poles.len()];
     let mut x = Vec::with_capacity(N_SAMPLES);
     for _ in 0..N_SAMPLES {

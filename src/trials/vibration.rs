@@ -119,7 +119,14 @@ pub fn machine_noise(n: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
 }
 
 /// Adds a tone at an order of the shaft.
-pub fn add_order(to: &mut [f64], turn: &Turn, rate_hz: f64, order: f64, amplitude: f64, phase: f64) {
+pub fn add_order(
+    to: &mut [f64],
+    turn: &Turn,
+    rate_hz: f64,
+    order: f64,
+    amplitude: f64,
+    phase: f64,
+) {
     for (i, value) in to.iter_mut().enumerate() {
         *value += amplitude * (TAU * order * turn.revolutions(i as f64 / rate_hz) + phase).cos();
     }

@@ -1,10 +1,11 @@
-//! `rotorwatch evaluate`: captures of which the truth is known → how often the diagnosis is right.
+//! `rotorwatch evaluate`: captures or trials of which the truth is known → how often the diagnosis is right.
 //!
-//! `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index` say what came of it. A
+//! `grid` makes trials; `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index` say what came of it. A
 //! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
 //! baselines of its row: no label, no speed and no name of the table.
 
 mod files;
+mod grid;
 mod index;
 mod table;
 mod text;
@@ -18,6 +19,8 @@ use crate::evaluation::summary::Record;
 use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::TruthErrors;
 use crate::offline::OfflineError;
+use crate::trials::grid::FIRST_REPORTED_SEED;
+use crate::trials::grid::Plan;
 use clap::Args;
 use clap::ValueEnum;
 use std::io;
@@ -30,6 +33,8 @@ Examples:
   rotorwatch evaluate truth.csv
   rotorwatch evaluate truth.csv --machines machines --out figures
   rotorwatch evaluate truth.csv --format json > evaluation.json
+  rotorwatch evaluate --grid
+  rotorwatch evaluate --grid --seeds 2 --thin
 
 TRUTH.csv has a line a capture: file, dataset, label (healthy, a fault as in the diagnosis document, ball,
 gear_tooth_broken, run_to_failure), and may have component, baseline (captures with ; between), acceptable (verdicts
@@ -41,14 +46,32 @@ detected: accused without a cause; undetermined, missed: nothing accused, the co
 healthy; wrong cause: another fault or component accused; false alarm: anything accused on a healthy
 machine. A run to failure is right if its first alarm comes in its second half and before its end.
 
+--grid makes its records: a motor stand with bearing defects of four strengths and eight kinds of disturbance, at
+steady and changing speed, and the simulated rig with good and bad gear, shaft and bearing at five speeds, two
+clearances, two loads, four strengths of noise, with and without a baseline (twenty minutes on two cores).
+
 Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// What is known of which captures.
-    #[arg(value_name = "TRUTH.csv")]
-    pub truth: PathBuf,
+    #[arg(value_name = "TRUTH.csv", required_unless_present = "grid", conflicts_with = "grid")]
+    pub truth: Option<PathBuf>,
+    /// Trials made on the fly instead: a motor stand in closed form and the simulated rig.
+    #[arg(long, conflicts_with = "machines")]
+    pub grid: bool,
+    /// Seeds of each cell of the grid's stand.
+    #[arg(long, default_value_t = 25, value_name = "N", requires = "grid",
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub seeds: u64,
+    /// First seed: rules are set on those below 1000, figures come from the others.
+    #[arg(long, default_value_t = FIRST_REPORTED_SEED, value_name = "SEED", requires = "grid",
+          value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    pub first_seed: u64,
+    /// One cell of the rig instead of all: speed, clearance, load, noise.
+    #[arg(long, requires = "grid")]
+    pub thin: bool,
     /// Folder of the machine files, one a data set; `machines` beside TRUTH.csv by default.
     #[arg(long, value_name = "DIR")]
     pub machines: Option<PathBuf>,
@@ -113,10 +136,11 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
-    let task = table::Task::read(&arguments.truth, arguments.machines.as_deref())?;
+    let Some(truth) = &arguments.truth else { return evaluate_grid(arguments) };
+    let task = table::Task::read(truth, arguments.machines.as_deref())?;
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
-    if folder.as_ref().is_some_and(|folder| folder.would_replace(&arguments.truth)) {
-        return Err(EvaluateError::Overwrites { file: arguments.truth.clone() });
+    if folder.as_ref().is_some_and(|folder| folder.would_replace(truth)) {
+        return Err(EvaluateError::Overwrites { file: truth.clone() });
     }
     let mut records = Vec::new();
     task.diagnose(arguments.format == Format::Text, &mut |case| {
@@ -126,8 +150,23 @@ fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
         records.push(case.record);
         Ok(())
     })?;
-    let truth = arguments.truth.display().to_string();
+    let truth = truth.display().to_string();
     tell(&records, &truth, arguments.format, folder)?;
+    Ok(records)
+}
+
+fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
+    let plan = Plan {
+        first_seed: arguments.first_seed,
+        n_seeds: arguments.seeds,
+        is_thin: arguments.thin,
+    };
+    let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
+    let records = grid::records(&plan, arguments.format == Format::Text);
+    if let Some(folder) = &mut folder {
+        records.iter().for_each(|record| folder.add_verdict(record));
+    }
+    tell(&records, &grid::name(&plan), arguments.format, folder)?;
     Ok(records)
 }
 

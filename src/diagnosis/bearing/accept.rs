@@ -8,10 +8,14 @@ use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::machine::BearingIndex;
+use crate::signal::ChannelIndex;
 use crate::units::Hz;
 
 /// A band counts as showing a line at this probability.
 const BAND_PROBABILITY: f64 = 1e-4;
+
+/// Power ratio of lines from which one bearing drowns another (10 dB).
+const OVERHEARD_POWER: f64 = 10.0;
 
 /// Parts of the bands that must agree.
 const MOST: f64 = 0.5;
@@ -40,6 +44,8 @@ pub(super) struct Candidate<'a> {
     /// The same if a quarter of them must.
     pub(super) narrow_probability: f64,
     pub(super) best: Option<&'a BandReading>,
+    /// Depth that a quarter of the bands reach.
+    agreed_depth: f64,
 }
 
 /// An accepted line, and what it explains elsewhere.
@@ -47,6 +53,8 @@ pub(super) struct Candidate<'a> {
 pub(super) struct Accepted<'a> {
     pub(super) frequency: Hz,
     pub(super) spacing: Hz,
+    /// Channel it was heard in, and the power it carries there.
+    heard: (ChannelIndex, f64),
     /// Whose it is; several where it cannot be decided; none if it is heard best where it may be the
     /// shaft's events that passing elements modulate.
     pub(super) owners: Vec<&'a LineSearch>,
@@ -138,7 +146,12 @@ impl<'a> Candidate<'a> {
             .iter()
             .filter(showing)
             .max_by(|a, b| a.total_depth().total_cmp(&b.total_depth()));
+        let mut depths: Vec<f64> =
+            readings.iter().filter(showing).map(BandReading::total_depth).collect();
+        depths.sort_by(|a, b| b.total_cmp(a));
+        let quarter = readings.len().div_ceil(4).max(1);
         Self {
+            agreed_depth: depths.get(quarter - 1).copied().unwrap_or(0.0),
             search,
             n_bands: readings.len(),
             n_showing: readings.iter().filter(showing).count(),
@@ -162,8 +175,27 @@ impl<'a> Candidate<'a> {
     /// Proven in a quarter of the bands, one of which owes half of its energy to the line (C4): impacts
     /// that one resonance alone brings above the noise.
     fn is_narrow(&self) -> bool {
-        self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
+        // A cage strikes nothing: what few bands show at its rate is modulation.
+        self.search.line != DefectLine::Ftf
+            && self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
             && self.depth() >= NARROW_DEPTH
+    }
+
+    /// Whether a quarter of the bands find it as deep as matters: impacts are deep wherever they are heard,
+    /// passing elements only where they happen to move the vibration's level.
+    pub(super) fn is_agreed(&self) -> bool {
+        self.agreed_depth >= severity::WARNING_DEPTH
+    }
+
+    /// Whether another bearing strikes so much harder that what is heard here may be its blows, modulated
+    /// by the elements of this one.
+    pub(super) fn is_overheard(&self, accepted: &[Accepted<'_>]) -> bool {
+        accepted.iter().any(|a| {
+            let elsewhere = !a.owners.is_empty()
+                && a.owners.iter().all(|s| s.bearing != self.search.bearing)
+                && a.heard.0 != self.search.channel;
+            elsewhere && a.heard.1 >= OVERHEARD_POWER * self.line_power()
+        })
     }
 
     /// Whether a band shows a line of effect, though too few do to accuse.
@@ -253,6 +285,7 @@ pub(super) fn accept_among<'a>(
         accepted.push(Accepted {
             frequency: best.frequency,
             spacing: search.side_band_spacing,
+            heard: (search.channel, candidate.line_power()),
             owners: if is_own {
                 owner::owners(features, search, best.frequency)
             } else {

@@ -71,13 +71,19 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let mut proven: Vec<&Candidate<'_>> = Vec::new();
-    let (mut shared, mut near_limit, mut bare) = (Vec::new(), None, None);
+    let (mut shared, mut near_limit, mut doubt) = (Vec::new(), None, None);
     for found in accepted {
         let own = candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search));
         for candidate in own {
             match found.others(candidate.search) {
                 _ if !candidate.is_surely_deep() => near_limit = near_limit.or(Some(candidate)),
-                _ if candidate.is_bare() => bare = bare.or(Some(candidate)),
+                _ if candidate.is_bare() => {
+                    doubt = doubt.or_else(|| Some(without_cage(candidate, context)));
+                }
+                _ if candidate.is_overheard(accepted) => {
+                    doubt = doubt.or_else(|| Some(overheard(candidate, context)));
+                }
+                _ if !candidate.is_agreed() => {}
                 others if others.is_empty() => proven.push(candidate),
                 others => shared.push((candidate, others)),
             }
@@ -101,14 +107,13 @@ fn judge_one(
                     !grown::is_as_when_healthy(bearing, c.search.line, features, context)
                 });
                 let near_limit = near_limit.map(|c| too_near(c, context));
-                let bare = bare.map(|c| without_cage(c, context));
                 let few = candidates.iter().find(|c| {
                     c.search.line != DefectLine::Ftf
                         && c.is_deep_in_few()
                         && !grown::is_as_when_healthy(bearing, c.search.line, features, context)
                 });
                 let few = few.map(|c| in_few_bands(c, context));
-                match bare.or(near_limit).or(few).or_else(|| ambiguous(&doubtful)) {
+                match doubt.or(near_limit).or(few).or_else(|| ambiguous(&doubtful)) {
                     Some(why) => verdict.why = why,
                     None => acquit(&mut verdict, &candidates, &searches, accepted, features),
                 }
@@ -131,6 +136,14 @@ fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
 fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
         "{}; without side bands at FTF it may as well come from elsewhere: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a line that a much stronger neighbour may cause does not accuse.
+fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; another bearing strikes ten times as hard, and passing elements modulate its blows: not accused",
         sentence(line, context)
     )
 }

@@ -1,0 +1,160 @@
+//! The grid: which trials are made, for one range of seeds.
+//!
+//! Rules are set on seeds below 1000 and reported on those from 1000 on.
+
+use super::Trial;
+use super::motion::Motion;
+use super::rig;
+use super::rig::Bad;
+use super::rig::Rig;
+use super::stand;
+use super::stand::Defect;
+use super::stand::Disturbance;
+use crate::units::Hz;
+
+/// First seed that figures are reported on.
+pub const FIRST_REPORTED_SEED: u64 = 1000;
+
+/// What of the grid is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// First seed.
+    pub first_seed: u64,
+    /// Seeds of each cell of the stand; the rig takes the first.
+    pub n_seeds: u64,
+    /// A tenth of the rig's cells only.
+    pub is_thin: bool,
+}
+
+/// A part of the grid that is made on its own.
+#[derive(Debug, Clone)]
+pub enum Task {
+    /// One record of the stand, with the name of its group.
+    Stand(String, stand::Setting),
+    /// All combinations of the rig at one speed, clearance and load, at these strengths of noise.
+    Rig {
+        /// Setting of the healthy twin.
+        healthy: rig::Setting,
+        /// Noise below the vibration, dB.
+        noise_db: Vec<Option<f64>>,
+        /// Combinations.
+        bad: Vec<Bad>,
+    },
+}
+
+/// Motions of the stand's trials and whether there is a tacho.
+const MOTIONS: [(&str, Motion, bool); 5] = [
+    ("steady", Motion::Steady, false),
+    ("wander of 0.3 %", Motion::Wander(0.003), false),
+    ("wander of 0.3 %, tacho", Motion::Wander(0.003), true),
+    ("swing of 10 %, tacho", Motion::Swing(0.1), true),
+    ("run-up to the double, tacho", Motion::Ramp(0.55, 1.1), true),
+];
+
+/// Strengths of a defect over the noise, dB.
+const DEFECT_DB: [f64; 4] = [-10.0, -5.0, 0.0, 5.0];
+
+/// All parts of a plan, in order.
+#[must_use]
+pub fn tasks(plan: &Plan) -> Vec<Task> {
+    let mut tasks = Vec::new();
+    for (name, motion, has_tacho) in MOTIONS {
+        for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
+            let healthy = stand::Setting {
+                defect: None,
+                defect_db: 0.0,
+                disturbance: Disturbance::None,
+                motion,
+                has_tacho,
+                seed,
+            };
+            tasks.extend(Disturbance::ALL.map(|disturbance| {
+                let setting = stand::Setting { disturbance, ..healthy };
+                Task::Stand(format!("stand, {name}"), setting)
+            }));
+            for defect_db in DEFECT_DB {
+                tasks.extend(Defect::ALL.map(|defect| {
+                    let setting = stand::Setting { defect: Some(defect), defect_db, ..healthy };
+                    Task::Stand(format!("stand, {name}, defect {defect_db} dB"), setting)
+                }));
+            }
+        }
+    }
+    tasks.extend(rig_tasks(plan));
+    tasks
+}
+
+fn rig_tasks(plan: &Plan) -> Vec<Task> {
+    let (speeds, clearances, torques) = if plan.is_thin {
+        (vec![10.0], vec![2.0], vec![2.0])
+    } else {
+        (vec![5.0, 10.0, 20.0, 40.0, 60.0], vec![2.0, 8.0], vec![1.0, 2.0])
+    };
+    let sizes: Vec<Option<u8>> =
+        if plan.is_thin { vec![None, Some(3)] } else { vec![None, Some(1), Some(2), Some(3)] };
+    let noise_db =
+        if plan.is_thin { vec![Some(6.0)] } else { vec![None, Some(20.0), Some(6.0), Some(0.0)] };
+    let mut bad = Vec::new();
+    for gear in [false, true] {
+        for shaft in [false, true] {
+            bad.extend(sizes.iter().map(|bearing| Bad { gear, shaft, bearing: *bearing }));
+        }
+    }
+    let mut tasks = Vec::new();
+    for speed in &speeds {
+        for clearance_um in &clearances {
+            for torque_nm in &torques {
+                tasks.push(Task::Rig {
+                    healthy: rig::Setting {
+                        bad: Bad::NOTHING,
+                        speed: Hz(*speed),
+                        clearance_um: *clearance_um,
+                        torque_nm: *torque_nm,
+                        seed: plan.first_seed,
+                    },
+                    noise_db: noise_db.clone(),
+                    bad: bad.clone(),
+                });
+            }
+        }
+    }
+    tasks
+}
+
+impl Task {
+    /// Makes the part's trials one after another. What cannot be made is handed on as a sentence.
+    pub fn each(&self, sink: &mut dyn FnMut(Result<Trial, String>)) {
+        match self {
+            Self::Stand(group, setting) => {
+                sink(stand::trial(group, setting).map_err(|e| e.to_string()));
+            }
+            Self::Rig { healthy, noise_db, bad } => {
+                let twin = match Rig::healthy_twin(healthy) {
+                    Ok(twin) => twin,
+                    Err(error) => return sink(Err(error.to_string())),
+                };
+                for bad in bad {
+                    match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
+                        Ok(rig) => each_noise(&rig, &twin, noise_db, sink),
+                        Err(error) => sink(Err(error.to_string())),
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn each_noise(
+    rig: &Rig,
+    twin: &Rig,
+    noise_db: &[Option<f64>],
+    sink: &mut dyn FnMut(Result<Trial, String>),
+) {
+    for noise in noise_db {
+        let level = noise.map_or("no noise".to_owned(), |db| format!("noise {db} dB below"));
+        for (baseline, twin) in [("no baseline", None), ("baseline", Some(twin))] {
+            let group = format!("rig, {level}, {baseline}");
+            sink(rig.trial(&group, *noise, twin).map_err(|e| e.to_string()));
+        }
+    }
+}
