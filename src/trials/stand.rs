@@ -219,7 +219,13 @@ fn vibrations(
     let mut channel = |hears: f64| {
         let mut x = match setting.disturbance {
             Disturbance::Pink => pink(random),
-            _ => vibration::machine_noise(N_SAMPLES, random),
+            Disturbance::None
+            | Disturbance::RandomStrikes
+            | Disturbance::Hum
+            | Disturbance::Tones
+            | Disturbance::Knock
+            | Disturbance::Neighbour
+            | Disturbance::UnknownBearing => vibration::machine_noise(N_SAMPLES, random),
         };
         for harmonic in 1..=6 {
             let (amplitude, phase) = tone(1.0, random);

@@ -233,3 +233,34 @@ fn a_page_shows_one_capture_and_needs_nothing_else() {
     assert_eq!((two.status.code(), two.stdout.as_str()), (Some(2), ""));
     assert!(two.stderr.contains("a page of one capture, here are 2"), "{}", two.stderr);
 }
+
+#[test]
+#[ignore = "long: some hundred records, and rigs that are simulated"]
+fn a_thin_grid_has_no_wrong_cause_and_no_false_alarm() {
+    let dir = TempDir::new().unwrap();
+    let arguments = ["--grid", "--thin", "--seeds", "2", "--format", "json", "--out", "figures"];
+    let ended = evaluate(&dir, &arguments);
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+    let document = document(&ended);
+    let count = |rate: &str, part: &str| document["rates"][rate][part].as_u64().unwrap();
+    assert_eq!(count("false_alarm", "count"), 0, "{:#}", document["mistakes"]);
+    assert_eq!(count("wrong_cause", "count"), 0, "{:#}", document["mistakes"]);
+    // 5 motions × 2 seeds × 8 disturbances, and rigs without what can be told of them.
+    assert!(count("false_alarm", "of") >= 80);
+    // Strong defects (0 and 5 dB) are found: 2 of 4 strengths, almost all; weak ones in part.
+    let (right, of) = (count("right_of_faulty", "count"), count("right_of_faulty", "of"));
+    assert!(5 * right >= 3 * of, "{right} of {of}");
+    let rows = fs::read_to_string(dir.path().join("figures/verdicts.csv")).unwrap();
+    assert_eq!(rows.lines().count(), document["records"].as_array().unwrap().len() + 1);
+}
+
+#[test]
+fn a_grid_and_a_table_are_alternatives() {
+    let dir = TempDir::new().unwrap();
+    for arguments in
+        [&[][..], &["truth.csv", "--grid"], &["--thin"], &["--grid", "--machines", "m"]]
+    {
+        let ended = evaluate(&dir, arguments);
+        assert_eq!(ended.status.code(), Some(2), "{arguments:?}");
+    }
+}

@@ -11,8 +11,10 @@ use crate::bench::table::Column;
 use crate::cli::output::Output;
 use crate::cli::page;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::Diagnosis;
 use crate::evaluation::score::Accusation;
 use crate::evaluation::score::Score;
+use crate::evaluation::summary::Record;
 use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::Known;
 use crate::offline::Reference;
@@ -79,7 +81,6 @@ impl Folder {
 
     /// Takes a record and writes its page.
     pub(super) fn add(&mut self, case: &Case<'_>) -> Result<(), EvaluateError> {
-        let score = case.record.score.as_ref();
         let page = match &case.diagnosis {
             Some(diagnosis) => {
                 let name =
@@ -93,19 +94,30 @@ impl Folder {
             }
             None => None,
         };
+        self.rows.push(row(&case.record, &case.row.severity, case.diagnosis.as_ref()));
+        self.list(&case.record, page, case.diagnosis.as_ref().map(|d| d.state));
+        Ok(())
+    }
+
+    /// Takes a trial, which has no page: it can be made again from its name.
+    pub(super) fn add_trial(&mut self, record: &Record) {
+        self.rows.push(row(record, "", None));
+        self.list(record, None, None);
+    }
+
+    fn list(&mut self, record: &Record, page: Option<String>, state: Option<State>) {
         let said =
             |score: &Score| score.accusations.iter().map(words).collect::<Vec<_>>().join("; ");
-        self.rows.push(row(case));
+        let score = record.score.as_ref();
         self.listed.push(Listed {
-            file: case.record.file.clone(),
+            file: record.file.clone(),
             page,
-            dataset: case.record.dataset.clone(),
-            label: case.record.label.clone(),
+            dataset: record.dataset.clone(),
+            label: record.label.clone(),
             outcome: score.map(|s| (s.outcome, s.accepted)).map_err(Clone::clone),
-            state: case.diagnosis.as_ref().map(|d| d.state),
+            state,
             said: score.map(said).unwrap_or_default(),
         });
-        Ok(())
     }
 
     /// Writes what is told of all records.
@@ -132,8 +144,8 @@ impl Folder {
 fn above(case: &Case<'_>) -> String {
     let row = case.row;
     let mut label = row.label.clone();
-    if !labelled(case).is_empty() {
-        label.push_str(&format!(" at {}", labelled(case)));
+    if !labelled(&case.row.known).is_empty() {
+        label.push_str(&format!(" at {}", labelled(&case.row.known)));
     }
     if !row.severity.is_empty() {
         label.push_str(&format!(" ({})", row.severity));
@@ -159,8 +171,8 @@ fn words(accusation: &Accusation) -> String {
 }
 
 /// Ids of the labelled components.
-fn labelled(case: &Case<'_>) -> String {
-    match &case.row.known {
+fn labelled(known: &Known) -> String {
+    match known {
         Known::Faults(faults) => {
             faults.iter().filter_map(|f| f.component.as_deref()).collect::<Vec<_>>().join(";")
         }
@@ -184,13 +196,13 @@ fn slug(file: &str) -> String {
 }
 
 /// The line of a record: what was accused first, worst state first.
-fn row(case: &Case<'_>) -> Vec<Cell> {
+fn row(record: &Record, severity: &str, diagnosis: Option<&Diagnosis>) -> Vec<Cell> {
     let text = |text: &str| Cell::Text(text.to_owned());
     let number = |value: Option<f64>| match value {
         Some(value) => Cell::Plain(value, 3),
         None => Cell::Text(String::new()),
     };
-    let score = case.record.score.as_ref().ok();
+    let score = record.score.as_ref().ok();
     let accusation = score.and_then(|score| {
         let severity = |s: Option<f64>| s.unwrap_or(0.0);
         score
@@ -198,25 +210,25 @@ fn row(case: &Case<'_>) -> Vec<Cell> {
             .iter()
             .max_by(|a, b| severity(a.severity).total_cmp(&severity(b.severity)))
     });
-    let components = case.diagnosis.iter().flat_map(|d| &d.components);
+    let components = diagnosis.iter().flat_map(|d| &d.components);
     let open: Vec<&str> =
         components.filter(|c| c.state == State::Undetermined).map(|c| c.id.as_str()).collect();
     vec![
-        text(&case.record.file),
-        text(&case.record.dataset),
-        text(&case.record.label),
-        text(&labelled(case)),
-        text(&case.row.severity),
+        text(&record.file),
+        text(&record.dataset),
+        text(&record.label),
+        text(&labelled(&record.known)),
+        text(severity),
         text(score.map_or("", |s| s.outcome.name())),
         text(score.map_or("", |s| if s.accepted { "yes" } else { "no" })),
-        text(case.diagnosis.as_ref().map_or("", |d| d.state.name())),
+        text(diagnosis.map_or("", |d| d.state.name())),
         text(accusation.map_or("", |a| a.component.as_str())),
         text(accusation.and_then(|a| a.fault).map_or("", |fault| fault.name())),
         number(accusation.and_then(|a| a.severity)),
         number(accusation.and_then(|a| a.confidence)),
         text(&open.join(";")),
-        number(case.record.processor_s),
-        text(case.record.score.as_ref().err().map_or("", String::as_str)),
+        number(record.processor_s),
+        text(record.score.as_ref().err().map_or("", String::as_str)),
     ]
 }
 

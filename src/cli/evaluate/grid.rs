@@ -10,10 +10,10 @@ use crate::trials::grid::Plan;
 use crate::trials::grid::Task;
 use cpu_time::ThreadTime;
 use std::num::NonZero;
-use std::sync::Mutex;
-use std::sync::PoisonError;
+use std::path::Path;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc;
 use std::thread;
 
 /// Name of the grid in tables.
@@ -22,32 +22,43 @@ pub(super) fn name(plan: &Plan) -> String {
     format!("grid, seeds {} to {last}", plan.first_seed)
 }
 
+/// Parts that wait to be taken up at most.
+const WAITING: usize = 16;
+
 /// Scores every trial of a plan, in the plan's order.
 pub(super) fn records(plan: &Plan, shows_progress: bool) -> Vec<Record> {
     let tasks = grid::tasks(plan);
     let next = AtomicUsize::new(0);
-    let scored: Mutex<Vec<(usize, Vec<Record>)>> = Mutex::new(Vec::with_capacity(tasks.len()));
-    let progress = Mutex::new(Progress::new("grid", shows_progress));
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
-    thread::scope(|scope| {
-        for _ in 0..workers {
-            scope.spawn(|| {
-                loop {
-                    let at = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(task) = tasks.get(at) else { return };
-                    let records = of_task(task);
-                    let mut scored = scored.lock().unwrap_or_else(PoisonError::into_inner);
-                    scored.push((at, records));
-                    let part = scored.len() as f64 / tasks.len() as f64;
-                    drop(scored);
-                    progress.lock().unwrap_or_else(PoisonError::into_inner).set(part);
-                }
-            });
-        }
+    let mut scored = Vec::with_capacity(tasks.len());
+    Progress::new(shows_progress).of(Path::new("grid"), |tell| {
+        thread::scope(|scope| {
+            let (done, finished) = mpsc::sync_channel(WAITING);
+            for _ in 0..workers {
+                let (done, next, tasks) = (done.clone(), &next, &tasks);
+                scope.spawn(move || {
+                    while let Some((at, task)) = take(next, tasks) {
+                        if done.send((at, of_task(task))).is_err() {
+                            return;
+                        }
+                    }
+                });
+            }
+            drop(done);
+            for part in finished {
+                scored.push(part);
+                tell(scored.len() as f64 / tasks.len() as f64);
+            }
+        });
     });
-    let mut scored = scored.into_inner().unwrap_or_else(PoisonError::into_inner);
     scored.sort_by_key(|(at, _)| *at);
     scored.into_iter().flat_map(|(_, records)| records).collect()
+}
+
+/// The next part nobody has taken.
+fn take<'t>(next: &AtomicUsize, tasks: &'t [Task]) -> Option<(usize, &'t Task)> {
+    let at = next.fetch_add(1, Ordering::Relaxed);
+    tasks.get(at).map(|task| (at, task))
 }
 
 fn of_task(task: &Task) -> Vec<Record> {

@@ -1,7 +1,7 @@
 //! `rotorwatch evaluate`: captures or trials of which the truth is known → how often the diagnosis is right.
 //!
-//! `grid` makes trials; `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index` say what came of it. A
-//! diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
+//! `grid` makes trials; `table` diagnoses what a truth table lists and scores it; `text`, `files` and `index`
+//! say what came of it. A diagnosis gets the samples and attributes of its capture, the machine file of its data set and the
 //! baselines of its row: no label, no speed and no name of the table.
 
 mod files;
@@ -164,7 +164,7 @@ fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
     let records = grid::records(&plan, arguments.format == Format::Text);
     if let Some(folder) = &mut folder {
-        records.iter().for_each(|record| folder.add_verdict(record));
+        records.iter().for_each(|record| folder.add_trial(record));
     }
     tell(&records, &grid::name(&plan), arguments.format, folder)?;
     Ok(records)

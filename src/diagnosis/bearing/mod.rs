@@ -6,6 +6,7 @@
 //! S1). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
+mod doubt;
 mod evidence;
 mod grown;
 mod owner;
@@ -25,19 +26,14 @@ use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
 use accept::Accepted;
 use accept::Candidate;
+use doubt::Seen;
+use doubt::Sorted;
 
 /// Lines of several elements: the strongest must lead the next by this power ratio (6 dB).
 const LEAD_POWER_RATIO: f64 = 4.0;
 
 /// A significant line this deep competes with a stronger one; below, it is a trace of it.
 const COMPETING_DEPTH: f64 = severity::WARNING_DEPTH / 2.0;
-
-/// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
-/// more than chance and less than a verdict: structural lines fill one of four bands at most.
-const AMBIGUOUS_PART: f64 = 0.25 + 1e-9;
-
-/// Such lines must at least be this deep.
-const AMBIGUOUS_DEPTH: f64 = 0.15;
 
 /// Judges all bearings.
 #[must_use]
@@ -70,25 +66,7 @@ fn judge_one(
         .map(|s| Candidate::weigh(s, accepted, looks))
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
-    let mut proven: Vec<&Candidate<'_>> = Vec::new();
-    let (mut shared, mut near_limit, mut doubt) = (Vec::new(), None, None);
-    for found in accepted {
-        let own = candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search));
-        for candidate in own {
-            match found.others(candidate.search) {
-                _ if !candidate.is_surely_deep() => near_limit = near_limit.or(Some(candidate)),
-                _ if candidate.is_bare() => {
-                    doubt = doubt.or_else(|| Some(without_cage(candidate, context)));
-                }
-                _ if candidate.is_overheard(accepted) => {
-                    doubt = doubt.or_else(|| Some(overheard(candidate, context)));
-                }
-                _ if !candidate.is_agreed() => {}
-                others if others.is_empty() => proven.push(candidate),
-                others => shared.push((candidate, others)),
-            }
-        }
-    }
+    let Sorted { proven, shared, doubts } = doubt::sort(&candidates, accepted);
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -99,21 +77,8 @@ fn judge_one(
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
             None => {
-                let readable = searches.iter().filter(|s| s.outcome.is_ok());
-                // What may be the shaft's proves nothing: neither damage nor health.
-                let doubtful: Vec<Candidate<'_>> =
-                    readable.map(|s| Candidate::weigh_all(s, accepted, looks)).collect();
-                let near_limit = near_limit.filter(|c| {
-                    !grown::is_as_when_healthy(bearing, c.search.line, features, context)
-                });
-                let near_limit = near_limit.map(|c| too_near(c, context));
-                let few = candidates.iter().find(|c| {
-                    c.search.line != DefectLine::Ftf
-                        && c.is_deep_in_few()
-                        && !grown::is_as_when_healthy(bearing, c.search.line, features, context)
-                });
-                let few = few.map(|c| in_few_bands(c, context));
-                match doubt.or(near_limit).or(few).or_else(|| ambiguous(&doubtful)) {
+                let seen = Seen { bearing, features, context, accepted };
+                match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                     Some(why) => verdict.why = why,
                     None => acquit(&mut verdict, &candidates, &searches, accepted, features),
                 }
@@ -121,54 +86,9 @@ fn judge_one(
         },
     }
     if verdict.state == State::Undetermined {
-        verdict.why.push_str(&wide_band(bearing, context));
+        verdict.why.push_str(&doubt::wide_band(bearing, context));
     }
     verdict
-}
-
-/// Why a line neither accuses nor acquits (C9).
-fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    let limit = severity::WARNING_DEPTH;
-    format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
-}
-
-/// Why a rolling element's line alone does not accuse.
-fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; without side bands at FTF it may as well come from elsewhere: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a line that a much stronger neighbour may cause does not accuse.
-fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; another bearing strikes ten times as hard, and passing elements modulate its blows: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a deep line in few bands neither accuses nor acquits.
-fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; too few bands agree to accuse, too deep to acquit: a baseline of the healthy machine would \
-         tell",
-        sentence(line, context)
-    )
-}
-
-/// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
-fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
-    let described = context.machine.bearing(bearing);
-    let widest = described.bands.widest();
-    if widest <= DefectLine::Bpfo.tolerance().widest() {
-        return String::new();
-    }
-    format!(
-        "; the geometry of `{}` is known to {:.1} %, which widens the search",
-        described.catalogue.as_deref().unwrap_or("unnamed"),
-        100.0 * widest
-    )
 }
 
 /// Why the races of a bearing could not be looked at, if so.
@@ -420,26 +340,4 @@ fn acquit(
             verdict.why.push_str(&unreadable(search, reason));
         }
     }
-}
-
-/// Lines of two elements in one channel, each in a quarter of the bands, none of effect.
-fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
-    let notable = |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.part() >= AMBIGUOUS_PART;
-    let found: Vec<&Candidate<'_>> = candidates.iter().filter(notable).collect();
-    let channel = found.iter().map(|c| c.search.channel).find(|channel| {
-        found
-            .iter()
-            .filter(|c| c.search.channel == *channel && c.search.line != DefectLine::Ftf)
-            .count()
-            > 1
-    })?;
-    let names: Vec<&str> = found
-        .iter()
-        .filter(|c| c.search.channel == channel)
-        .map(|c| c.search.line.name())
-        .collect();
-    Some(format!(
-        "weak lines of several elements ({}): more than chance, too little effect to name a cause",
-        names.join(", ")
-    ))
 }

@@ -27,6 +27,9 @@ pub const UP_RATIO: f64 = 3.0;
 /// Ratio that counts as damaged: ten times "up".
 pub const DAMAGED_RATIO: f64 = 30.0;
 
+/// Most confidence in an unbalance: a bow is not excluded.
+const UNBALANCE_CONFIDENCE: f64 = 0.8;
+
 /// Judges every shaft and gear.
 #[must_use]
 pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
@@ -68,7 +71,11 @@ fn accuse(
     verdict.state = severity::state(severity);
     verdict.fault = fault;
     verdict.severity = Some(severity);
-    let named = if fault.is_some() { 0.85 } else { 0.9 };
+    let named = match fault {
+        Some(FaultMode::Unbalance) => UNBALANCE_CONFIDENCE,
+        Some(_) => 0.85,
+        None => 0.9,
+    };
     verdict.confidence =
         Some(named * (0.5 + 0.5 * features.speed.confidence) * (1.0 - by.probability));
 }

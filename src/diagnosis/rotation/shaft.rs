@@ -1,5 +1,6 @@
 //! Verdict on a shaft: by its probe where there is one, else by what the housing shows.
 
+use super::UP_RATIO;
 use super::accuse;
 use super::acquit;
 use super::cannot_look;
@@ -52,12 +53,16 @@ pub(super) fn judge_shaft(
     match &signs.displacement {
         Some(d) if d.is_up() => {
             let bow = excludes_unbalance(shaft, &d.evidence.channel, features, context);
-            accuse(&mut verdict, d, bow.then_some(FaultMode::Bow), features);
-            let cause = if bow {
-                "; unbalance would need more than ten times G 40"
+            let alone = !is_near_critical(shaft, features, context)
+                && rises_alone(shaft, d, features, context);
+            let (fault, cause) = if bow {
+                (Some(FaultMode::Bow), "; unbalance would need more than ten times G 40")
+            } else if alone {
+                (Some(FaultMode::Unbalance), UNBALANCE)
             } else {
-                ", cause not proven"
+                (None, ", cause not proven")
             };
+            accuse(&mut verdict, d, fault, features);
             verdict.why = format!(
                 "1× displacement is {:.1} times its baseline in {}{cause}",
                 d.ratio, d.evidence.channel
@@ -67,7 +72,7 @@ pub(super) fn judge_shaft(
             let why = format!("1× displacement is {:.2} times its baseline", d.ratio);
             acquit(&mut verdict, d.ratio, why, features);
         }
-        None => judge_by_housing(&mut verdict, signs, features),
+        None => judge_by_housing(&mut verdict, shaft, signs, features, context),
     }
     verdict
 }
@@ -75,8 +80,10 @@ pub(super) fn judge_shaft(
 /// Judges a shaft that no probe observes: the joint table's last row.
 pub(super) fn judge_by_housing(
     verdict: &mut ComponentDiagnosis,
+    shaft: ShaftIndex,
     signs: &ShaftSigns,
     features: &WindowFeatures,
+    context: &Context<'_>,
 ) {
     // Two looks at the same rise: the larger ratio, its probability doubled.
     let once = [&signs.cwt, &signs.housing].into_iter().flatten();
@@ -95,15 +102,57 @@ pub(super) fn judge_by_housing(
     } else if !once.stands_out() {
         verdict.why = format!("{text}, but the whole channel rose with it");
     } else if signs.local.is_empty() {
-        accuse(verdict, &once, None, features);
-        verdict.why =
-            format!("{text}; unbalance, bow and coupling are not separable without a probe");
+        let alone = !is_near_critical(shaft, features, context)
+            && rises_alone(shaft, &once, features, context);
+        let (fault, cause) = if alone {
+            (Some(FaultMode::Unbalance), UNBALANCE)
+        } else {
+            (None, "; unbalance, bow and coupling are not separable without a probe")
+        };
+        accuse(verdict, &once, fault, features);
+        verdict.why = format!("{text}{cause}");
     } else if local_up {
         verdict.why =
             format!("{text}, explained by the gear; a shaft fault beside it needs a probe");
     } else {
         verdict.why = format!("{text}; shaft and gear are not separable without a probe");
     }
+}
+
+/// What is said of an unbalance.
+const UNBALANCE: &str = ", 2× and 3× have not risen with it: unbalance; a bow is not excluded";
+
+/// 2× and 3× must stay below this part of the rise of 1×: what bends, misaligns or loosens a shaft raises
+/// them with it.
+const ALONE: f64 = 0.5;
+
+/// Whether 1× alone has risen in the indicator's channel: 2× and 3× are known and neither is up nor rose by
+/// half as much (J4).
+fn rises_alone(
+    shaft: ShaftIndex,
+    once: &Indicator,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let id = &context.machine.shaft(shaft).id;
+    let name = &once.evidence.channel;
+    let channel = features.channels.iter().find(|c| context.channel_name(c.channel) == name);
+    let Some(channel) = channel else { return false };
+    [2, 3].into_iter().all(|order| {
+        let line = shaft::line_name(order, id);
+        let compared =
+            channel.get(&line).and_then(|value| context.baseline.compare(name, &line, value));
+        compared.is_some_and(|c| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio)
+    })
+}
+
+/// Whether the shaft turns so near its first critical speed that a bow moves it like an unbalance, and
+/// neither can be told.
+fn is_near_critical(shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) -> bool {
+    let described = context.machine.shaft(shaft);
+    let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| f.0 * r);
+    let ratio = speed.zip(described.first_critical).map(|(speed, critical)| speed / critical.0);
+    ratio.is_some_and(|r| r >= MAX_SPEED_PER_CRITICAL)
 }
 
 /// Whether the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten

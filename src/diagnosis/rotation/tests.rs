@@ -85,6 +85,8 @@ struct Signs {
     displacement: Option<f64>,
     once: f64,
     local: Option<f64>,
+    /// 2× and 3× of the probe and of the housing, beside a 1× line of the housing.
+    higher: Option<f64>,
 }
 
 /// Size of every feature of the healthy machine; the displacement in µm.
@@ -98,7 +100,12 @@ fn features(signs: Signs) -> Vec<ChannelFeatures> {
     };
     let mut acc = vec![feature("cwt_1x_main", signs.once), feature("cwt_1x_motor", signs.once)];
     acc.extend(signs.local.map(|r| feature("tsa_local_mesh_motor", r)));
-    let probe = signs.displacement.map(|r| vec![feature("line_1x_main", r)]);
+    let higher = |r: f64| [feature("line_2x_main", r), feature("line_3x_main", r)];
+    acc.extend(signs.higher.into_iter().flat_map(higher));
+    let probe = signs.displacement.map(|r| {
+        let higher = signs.higher.into_iter().flat_map(higher);
+        std::iter::once(feature("line_1x_main", r)).chain(higher).collect()
+    });
     [probe, Some(acc)]
         .into_iter()
         .enumerate()
@@ -151,7 +158,7 @@ fn judged_with(
     persistence: f64,
 ) -> Vec<ComponentDiagnosis> {
     let (machine, channels) = (machine(with_gear), channels());
-    let healthy = Signs { displacement: Some(1.0), once: 1.0, local: Some(1.0) };
+    let healthy = Signs { displacement: Some(1.0), once: 1.0, local: Some(1.0), higher: None };
     let record = Record::of_windows("h", &[(Some(Hz(10.0)), features(healthy))], &channels);
     let records = if with_baseline { vec![record] } else { Vec::new() };
     let baseline = Baseline { records, provisional: false };
@@ -203,7 +210,8 @@ fn of<'a>(verdicts: &'a [ComponentDiagnosis], id: &str) -> &'a ComponentDiagnosi
 
 /// States of the probed shaft and of the gear, and the gear's fault.
 fn states(displacement: Option<f64>, once: f64, local: f64) -> (State, State, Option<FaultMode>) {
-    let verdicts = judged(Signs { displacement, once, local: Some(local) }, true, true);
+    let verdicts =
+        judged(Signs { displacement, once, local: Some(local), higher: None }, true, true);
     let gear = of(&verdicts, "mesh");
     (of(&verdicts, "main").state, gear.state, gear.fault)
 }
@@ -222,35 +230,66 @@ fn the_rows_of_the_joint_table() {
 #[test]
 fn a_bow_needs_more_eccentricity_than_any_unbalance() {
     // 400 µm at r = 10/117: e = A(1 − r²)/r² = 54 mm, e·ω = 3400 mm/s, beyond 10 × G 40.
-    let bowed =
-        judged(Signs { displacement: Some(200.0), once: 1.0, local: Some(1.0) }, true, true);
+    let bowed = judged(
+        Signs { displacement: Some(200.0), once: 1.0, local: Some(1.0), higher: None },
+        true,
+        true,
+    );
     assert_eq!(of(&bowed, "main").fault, Some(FaultMode::Bow));
     // 20 µm: e = 2.7 mm, e·ω = 171 mm/s: an unbalance could do that.
-    let either =
-        judged(Signs { displacement: Some(10.0), once: 1.0, local: Some(1.0) }, true, true);
+    let either = judged(
+        Signs { displacement: Some(10.0), once: 1.0, local: Some(1.0), higher: None },
+        true,
+        true,
+    );
     assert_eq!(of(&either, "main").state, State::Warning);
     assert_eq!(of(&either, "main").fault, None);
 }
 
 #[test]
 fn without_a_gear_and_a_probe_the_shaft_is_accused_without_a_cause() {
-    let verdicts = judged(Signs { displacement: None, once: 8.0, local: None }, false, true);
+    let verdicts =
+        judged(Signs { displacement: None, once: 8.0, local: None, higher: None }, false, true);
     let shaft = of(&verdicts, "main");
     assert_eq!((shaft.state, shaft.fault), (State::Warning, None));
     assert!(verdicts.iter().all(|c| c.kind == ComponentKind::Shaft));
 }
 
 #[test]
+fn one_times_alone_is_unbalance_and_no_surer_than_a_bow_leaves_it() {
+    let judged = |displacement: Option<f64>, higher: f64| {
+        let signs = Signs { displacement, once: 8.0, local: None, higher: Some(higher) };
+        of(&judged(signs, false, true), "main").clone()
+    };
+    for displacement in [None, Some(8.0)] {
+        let shaft = judged(displacement, 1.2);
+        assert_eq!(shaft.fault, Some(FaultMode::Unbalance), "{}", shaft.why);
+        assert!(shaft.confidence.unwrap() <= 0.8 && shaft.why.ends_with("a bow is not excluded"));
+        // 3.5 is up; 2.5 is not, at a 1× of 8 it has not risen by half as much; a bow of 200 is a bow.
+        assert_eq!(judged(displacement, 3.5).fault, None);
+        assert_eq!(judged(displacement, 2.5).fault, Some(FaultMode::Unbalance));
+    }
+    assert_eq!(judged(Some(200.0), 1.2).fault, Some(FaultMode::Bow));
+}
+
+#[test]
 fn a_rise_within_the_scatter_accuses_nobody() {
     // 2.9 < 3 and ln 2.9 is 3.8 of the assumed 0.28: significant, but too small an effect.
-    let verdicts =
-        judged(Signs { displacement: Some(2.9), once: 2.9, local: Some(2.9) }, true, true);
+    let verdicts = judged(
+        Signs { displacement: Some(2.9), once: 2.9, local: Some(2.9), higher: None },
+        true,
+        true,
+    );
     assert!(verdicts.iter().all(|c| c.state == State::Healthy), "{verdicts:?}");
 }
 
 #[test]
 fn without_a_baseline_nothing_is_judged_and_the_reason_is_given() {
-    let verdicts = judged(Signs { displacement: None, once: 9.0, local: Some(9.0) }, true, false);
+    let verdicts = judged(
+        Signs { displacement: None, once: 9.0, local: Some(9.0), higher: None },
+        true,
+        false,
+    );
     assert!(verdicts.iter().all(|c| c.state == State::Undetermined));
     assert_eq!(of(&verdicts, "main").why, "no proximity probe and no baseline");
     assert_eq!(of(&verdicts, "mesh").why, "no baseline");
@@ -258,7 +297,7 @@ fn without_a_baseline_nothing_is_judged_and_the_reason_is_given() {
 
 #[test]
 fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
-    let signs = Signs { displacement: Some(1.0), once: 30.0, local: Some(20.0) };
+    let signs = Signs { displacement: Some(1.0), once: 30.0, local: Some(20.0), higher: None };
     let gear = |persistence: f64| {
         let verdicts = judged_with(signs, true, true, persistence);
         let gear = of(&verdicts, "mesh");
@@ -271,7 +310,7 @@ fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
 
 #[test]
 fn a_shaft_without_a_probe_does_not_mirror_one_of_equal_speed() {
-    let signs = Signs { displacement: Some(200.0), once: 30.0, local: Some(1.0) };
+    let signs = Signs { displacement: Some(200.0), once: 30.0, local: Some(1.0), higher: None };
     let verdicts = judged(signs, true, true);
     assert_eq!(of(&verdicts, "main").state, State::Damaged);
     let motor = of(&verdicts, "motor");

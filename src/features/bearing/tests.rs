@@ -120,3 +120,64 @@ fn a_known_line_is_not_read_as_a_defect() {
     assert!(reading.harmonics[0].unwrap().depth < 0.05);
     assert_eq!(coinciding(Hz(100.1), &known, Hz(0.2)).unwrap().label, "4x main");
 }
+
+/// Hann lobes of given depth at frequencies between bins, over the noise of [`spectrum_with`].
+fn spectrum_of(lines: &[(f64, f64)], bin_hz: f64) -> Vec<f32> {
+    let mut depth = spectrum_with(1.0, &[], bin_hz);
+    for (frequency_hz, height) in lines {
+        for (k, d) in depth.iter_mut().enumerate() {
+            // Lobe of the Hann window, padded twice: x cells of 1/T from the line.
+            let x = 0.5 * (k as f64 - frequency_hz / bin_hz);
+            if x.abs() < 2.0 {
+                let sinc = if x.abs() < 1e-9 {
+                    1.0
+                } else {
+                    (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x)
+                };
+                let lobe = if (x.abs() - 1.0).abs() < 1e-9 { 0.5 } else { sinc / (1.0 - x * x) };
+                *d = d.max(f32::rounded(height * lobe));
+            }
+        }
+    }
+    depth
+}
+
+/// What slower rate is found for a line at 98.9 Hz among others.
+fn slower(lines: &[(f64, f64)], line: DefectLine) -> Option<f64> {
+    let depth = spectrum_of(lines, 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let task = LineTask { line, ..task(&[]) };
+    let reading = read_line(&spectrum, BAND, &task, &mut Vec::new()).unwrap();
+    assert!((reading.frequency.0 - 98.9).abs() < 0.05);
+    assert_eq!(reading.is_explained(), reading.slower.is_some());
+    reading.slower.map(|rate| rate.0)
+}
+
+#[test]
+fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
+    let own = (98.9, 0.5);
+    assert_eq!(slower(&[own], DefectLine::Bpfo), None);
+    // Knocks at a third of it, as high: 32.967 Hz lies between two bins.
+    let found = slower(&[own, (32.967, 0.5), (65.933, 0.5)], DefectLine::Bpfo).unwrap();
+    assert!((found - 32.967).abs() < 0.01, "{found}");
+    // Less than half as high; or off by more than lines can be placed: 3·33.1 = 99.3.
+    assert_eq!(slower(&[own, (32.967, 0.2)], DefectLine::Bpfo), None);
+    assert_eq!(slower(&[own, (33.1, 0.6)], DefectLine::Bpfo), None);
+    // One race struck: half the rate of a rolling element's line is its own.
+    let half = [own, (49.45, 0.5)];
+    assert!(
+        slower(&half, DefectLine::Bpfo).is_some() && slower(&half, DefectLine::TwoBsf).is_none()
+    );
+}
+
+#[test]
+fn the_skirt_of_a_covered_line_is_no_line() {
+    // A shaft harmonic at 98.75 where 98.5 is expected: its skirt leaves the covered 0.2 Hz.
+    let depth = spectrum_of(&[(98.62, 0.8), (100.4, 0.06)], 0.05);
+    let spectrum =
+        DepthSpectrum { depth: &depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0 };
+    let known = [KnownLine { frequency: Hz(98.5), label: "4x main".into() }];
+    let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
+    assert!((reading.frequency.0 - 100.4).abs() < 0.05, "{}", reading.frequency.0);
+}

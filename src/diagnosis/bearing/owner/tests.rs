@@ -39,6 +39,7 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
         harmonics: [Some(harmonic(900.0)), Some(harmonic(400.0)), None, None],
         side_band: Some(harmonic(if side { 100.0 } else { 1.0 })),
         shaft_depth: 0.0,
+        slower: None,
         mean_square: 1.0,
     };
     LineSearch {

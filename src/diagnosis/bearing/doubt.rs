@@ -1,0 +1,180 @@
+//! What neither accuses nor acquits, and why: lines that something else may cause, or that stand too
+//! near a limit (docs/theory.md, C9).
+
+use super::accept;
+use super::accept::Accepted;
+use super::accept::Candidate;
+use super::grown;
+use super::sentence;
+use crate::diagnosis::Context;
+use crate::diagnosis::severity;
+use crate::features::WindowFeatures;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::machine::BearingIndex;
+
+/// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
+/// more than chance and less than a verdict: structural lines fill one of four bands at most.
+const AMBIGUOUS_PART: f64 = 0.25 + 1e-9;
+
+/// Such lines must at least be this deep.
+const AMBIGUOUS_DEPTH: f64 = 0.15;
+
+/// The proven lines of one bearing, sorted by what they may say.
+#[derive(Debug, Default)]
+pub(super) struct Sorted<'c> {
+    /// Those that accuse, strongest first.
+    pub(super) proven: Vec<&'c Candidate<'c>>,
+    /// Those that may as well be others', and whose.
+    pub(super) shared: Vec<(&'c Candidate<'c>, Vec<&'c LineSearch>)>,
+    /// Those that only leave doubt.
+    pub(super) doubts: Vec<(Doubt, &'c Candidate<'c>)>,
+}
+
+/// Why a proven line does not accuse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Doubt {
+    /// A rolling element's line without the side bands of the cage.
+    Bare,
+    /// A bearing beside it strikes ten times as hard.
+    Overheard,
+    /// The noise beside it leaves less depth than accuses.
+    NearLimit,
+}
+
+/// A bearing in its window.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen<'a> {
+    pub(super) bearing: BearingIndex,
+    pub(super) features: &'a WindowFeatures,
+    pub(super) context: &'a Context<'a>,
+    pub(super) accepted: &'a [Accepted<'a>],
+}
+
+/// Sorts the lines accepted for one bearing.
+pub(super) fn sort<'c>(
+    candidates: &'c [Candidate<'c>],
+    accepted: &'c [Accepted<'c>],
+) -> Sorted<'c> {
+    let mut sorted = Sorted::default();
+    for found in accepted {
+        for candidate in candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search)) {
+            match found.others(candidate.search) {
+                _ if !candidate.is_surely_deep() => {
+                    sorted.doubts.push((Doubt::NearLimit, candidate));
+                }
+                _ if candidate.is_bare() => sorted.doubts.push((Doubt::Bare, candidate)),
+                _ if candidate.is_overheard(accepted) => {
+                    sorted.doubts.push((Doubt::Overheard, candidate));
+                }
+                // Deep in few bands only: `why_open` tells.
+                _ if !candidate.is_agreed() => {}
+                others if others.is_empty() => sorted.proven.push(candidate),
+                others => sorted.shared.push((candidate, others)),
+            }
+        }
+    }
+    sorted
+}
+
+/// Why a bearing that nothing accuses is not acquitted, if so.
+pub(super) fn why_open(
+    doubts: &[(Doubt, &Candidate<'_>)],
+    candidates: &[Candidate<'_>],
+    searches: &[&LineSearch],
+    seen: &Seen<'_>,
+) -> Option<String> {
+    let has_not_grown = |c: &Candidate<'_>| {
+        grown::is_as_when_healthy(seen.bearing, c.search.line, seen.features, seen.context)
+    };
+    let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
+        Doubt::Bare | Doubt::Overheard => true,
+        Doubt::NearLimit => !has_not_grown(line),
+    });
+    let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
+        Doubt::Bare => without_cage(line, seen.context),
+        Doubt::Overheard => overheard(line, seen.context),
+        Doubt::NearLimit => too_near(line, seen.context),
+    });
+    let in_few = || {
+        let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
+        let deep = of_elements.find(|c| c.is_deep_in_few() && !has_not_grown(c))?;
+        Some(in_few_bands(deep, seen.context))
+    };
+    let of_several = || {
+        let looks = accept::n_looks(seen.features, seen.bearing);
+        let readable = searches.iter().filter(|s| s.outcome.is_ok());
+        // What may be the shaft's proves nothing: neither damage nor health.
+        let lines: Vec<Candidate<'_>> =
+            readable.map(|s| Candidate::weigh_all(s, seen.accepted, looks)).collect();
+        ambiguous(&lines)
+    };
+    first.or_else(in_few).or_else(of_several)
+}
+
+/// Why a line neither accuses nor acquits (C9).
+fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    let limit = severity::WARNING_DEPTH;
+    format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
+}
+
+/// Why a rolling element's line alone does not accuse.
+fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; without side bands at FTF it may as well come from elsewhere: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a line that a much stronger neighbour may cause does not accuse.
+fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; another bearing strikes ten times as hard, and passing elements modulate its blows: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a deep line in few bands neither accuses nor acquits.
+fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; too few bands agree to accuse, too deep to acquit: a baseline of the healthy machine would \
+         tell",
+        sentence(line, context)
+    )
+}
+
+/// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
+pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
+    let described = context.machine.bearing(bearing);
+    let widest = described.bands.widest();
+    if widest <= DefectLine::Bpfo.tolerance().widest() {
+        return String::new();
+    }
+    format!(
+        "; the geometry of `{}` is known to {:.1} %, which widens the search",
+        described.catalogue.as_deref().unwrap_or("unnamed"),
+        100.0 * widest
+    )
+}
+
+/// Lines of two elements in one channel, each in a quarter of the bands, none of effect.
+fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
+    let notable = |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.part() >= AMBIGUOUS_PART;
+    let found: Vec<&Candidate<'_>> = candidates.iter().filter(notable).collect();
+    let channel = found.iter().map(|c| c.search.channel).find(|channel| {
+        found
+            .iter()
+            .filter(|c| c.search.channel == *channel && c.search.line != DefectLine::Ftf)
+            .count()
+            > 1
+    })?;
+    let names: Vec<&str> = found
+        .iter()
+        .filter(|c| c.search.channel == channel)
+        .map(|c| c.search.line.name())
+        .collect();
+    Some(format!(
+        "weak lines of several elements ({}): more than chance, too little effect to name a cause",
+        names.join(", ")
+    ))
+}
