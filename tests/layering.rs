@@ -90,6 +90,7 @@ const CORE: &[&str] = &[
     "pipeline",
     "simulator",
     "evaluation",
+    "trials",
     "plot",
     "html",
 ];

@@ -158,7 +158,7 @@ fn judged_with(
     persistence: f64,
 ) -> Vec<ComponentDiagnosis> {
     let (machine, channels) = (machine(with_gear), channels());
-    let healthy = Signs { displacement: Some(1.0), once: 1.0, local: Some(1.0), higher: None };
+    let healthy = Signs { displacement: Some(1.0), once: 1.0, local: Some(1.0), higher: Some(1.0) };
     let record = Record::of_windows("h", &[(Some(Hz(10.0)), features(healthy))], &channels);
     let records = if with_baseline { vec![record] } else { Vec::new() };
     let baseline = Baseline { records, provisional: false };
