@@ -38,6 +38,8 @@ pub(super) enum Doubt {
     Bare,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
+    /// The healthy machine's absolute vibration shows it as strongly.
+    NotGrown,
     /// The noise beside it leaves less depth than accuses.
     NearLimit,
 }
@@ -52,10 +54,8 @@ pub(super) struct Seen<'a> {
 }
 
 /// Sorts the lines accepted for one bearing.
-pub(super) fn sort<'c>(
-    candidates: &'c [Candidate<'c>],
-    accepted: &'c [Accepted<'c>],
-) -> Sorted<'c> {
+pub(super) fn sort<'c>(candidates: &'c [Candidate<'c>], seen: &Seen<'c>) -> Sorted<'c> {
+    let accepted = seen.accepted;
     let mut sorted = Sorted::default();
     for found in accepted {
         for candidate in candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search)) {
@@ -66,6 +66,9 @@ pub(super) fn sort<'c>(
                 _ if candidate.is_bare() => sorted.doubts.push((Doubt::Bare, candidate)),
                 _ if candidate.is_overheard(accepted) => {
                     sorted.doubts.push((Doubt::Overheard, candidate));
+                }
+                _ if has_not_grown(candidate, seen) => {
+                    sorted.doubts.push((Doubt::NotGrown, candidate));
                 }
                 // Deep in few bands only: `why_open` tells.
                 _ if !candidate.is_agreed() => {}
@@ -84,21 +87,19 @@ pub(super) fn why_open(
     searches: &[&LineSearch],
     seen: &Seen<'_>,
 ) -> Option<String> {
-    let has_not_grown = |c: &Candidate<'_>| {
-        grown::is_as_when_healthy(seen.bearing, c.search.line, seen.features, seen.context)
-    };
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
-        Doubt::Bare | Doubt::Overheard => true,
-        Doubt::NearLimit => !has_not_grown(line),
+        Doubt::Bare | Doubt::Overheard | Doubt::NotGrown => true,
+        Doubt::NearLimit => !has_not_grown(line, seen),
     });
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
         Doubt::Bare => without_cage(line, seen.context),
         Doubt::Overheard => overheard(line, seen.context),
+        Doubt::NotGrown => not_grown(line, seen.context),
         Doubt::NearLimit => too_near(line, seen.context),
     });
     let in_few = || {
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
-        let deep = of_elements.find(|c| c.is_deep_in_few() && !has_not_grown(c))?;
+        let deep = of_elements.find(|c| c.is_deep_in_few() && !has_not_grown(c, seen))?;
         Some(in_few_bands(deep, seen.context))
     };
     let of_several = || {
@@ -110,6 +111,19 @@ pub(super) fn why_open(
         ambiguous(&lines)
     };
     first.or_else(in_few).or_else(of_several)
+}
+
+/// Whether a baseline has this line of the absolute vibration and it has not grown since.
+fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    grown::is_as_when_healthy(seen.bearing, line.search.line, seen.features, seen.context)
+}
+
+/// Why a line that was there before does not accuse.
+fn not_grown(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; the absolute vibration of the healthy machine shows it as strongly: not accused",
+        sentence(line, context)
+    )
 }
 
 /// Why a line neither accuses nor acquits (C9).

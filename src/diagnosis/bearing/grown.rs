@@ -11,6 +11,7 @@ use crate::features::WindowFeatures;
 use crate::features::absolute;
 use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
+use crate::features::overall;
 use crate::machine::BearingIndex;
 use crate::units::Hz;
 
@@ -57,6 +58,9 @@ pub(super) fn strongest<'a>(
         let channel = context.channel_name(line.pair.0);
         let name = absolute::line_name(line.line, &context.machine.bearing(bearing).id);
         let compared = context.baseline.compare(channel, &name, line.amplitude)?;
+        if compared.ratio < GROWN_RATIO * rest_ratio(line, features, context) {
+            return None;
+        }
         let over_noise = confidence::harmonic_tail(&line.reading.harmonics[0]?);
         let over_baseline = confidence::normal_tail(compared.z());
         // Both must hold, so the larger probability counts.
@@ -68,6 +72,16 @@ pub(super) fn strongest<'a>(
         .filter(|g| g.ratio >= GROWN_RATIO && g.probability <= confidence::FALSE_ALARM_PROBABILITY)
         .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
         .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))
+}
+
+/// How much everything but the shafts' lines has risen in the pair's first channel, at least 1: a machine
+/// that shakes altogether raises every line.
+fn rest_ratio(line: &AbsoluteLine, features: &WindowFeatures, context: &Context<'_>) -> f64 {
+    let channel = context.channel_name(line.pair.0);
+    let value = features.channel(line.pair.0).and_then(|c| c.get(overall::RMS_BESIDE_SHAFTS));
+    let compared = value
+        .and_then(|value| context.baseline.compare(channel, overall::RMS_BESIDE_SHAFTS, value));
+    compared.map_or(1.0, |c| c.ratio.max(1.0))
 }
 
 /// Whether the healthy machine showed this line of the bearing in the absolute vibration too, and it

@@ -66,7 +66,8 @@ fn judge_one(
         .map(|s| Candidate::weigh(s, accepted, looks))
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
-    let Sorted { proven, shared, doubts } = doubt::sort(&candidates, accepted);
+    let seen = Seen { bearing, features, context, accepted };
+    let Sorted { proven, shared, doubts } = doubt::sort(&candidates, &seen);
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -76,13 +77,10 @@ fn judge_one(
         }
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
             Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
-            None => {
-                let seen = Seen { bearing, features, context, accepted };
-                match doubt::why_open(&doubts, &candidates, &searches, &seen) {
-                    Some(why) => verdict.why = why,
-                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
-                }
-            }
+            None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
+                Some(why) => verdict.why = why,
+                None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+            },
         },
     }
     if verdict.state == State::Undetermined {

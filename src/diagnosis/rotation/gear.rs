@@ -3,6 +3,7 @@
 use super::accuse;
 use super::acquit;
 use super::cannot_look;
+use super::shaft::is_near_critical;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
 use super::signs::same_speed;
@@ -69,6 +70,14 @@ pub(super) fn judge_gear(
         acquit(&mut verdict, local.ratio, why, features);
         return verdict;
     }
+    if let Some(moved) = shaken_by(shaft, all_signs, features, context) {
+        verdict.why = format!(
+            "the localised difference signal is {:.1} times its baseline, but {moved} whirls near its first critical \
+             speed and strikes the mesh once a turn: not separable",
+            local.ratio
+        );
+        return verdict;
+    }
     let fault = cwt_up.then_some(FaultMode::ToothDamage);
     accuse(&mut verdict, local, fault, features);
     verdict.why = format!(
@@ -79,6 +88,24 @@ pub(super) fn judge_gear(
     );
     verdict.gear = Some(finding(gear, shaft, &local.evidence.channel, features, context));
     verdict
+}
+
+/// The id of a shaft of the mesh's speed whose own motion loads the mesh once a turn: its displacement is
+/// up, and so near the critical speed it is the run-out of its gears.
+fn shaken_by<'m>(
+    shaft: ShaftIndex,
+    all_signs: &[ShaftSigns],
+    features: &WindowFeatures,
+    context: &Context<'m>,
+) -> Option<&'m str> {
+    let moves = |s: &usize| {
+        let s = ShaftIndex(*s);
+        same_speed(s, shaft, context)
+            && all_signs[s.0].displacement.as_ref().is_some_and(Indicator::is_up)
+            && is_near_critical(s, features, context)
+    };
+    let found = (0..all_signs.len()).find(moves)?;
+    Some(context.machine.shaft(ShaftIndex(found)).id.as_str())
 }
 
 /// Member, angle and tooth, as far as the average tells.

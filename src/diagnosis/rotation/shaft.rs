@@ -148,7 +148,11 @@ fn rises_alone(
 
 /// Whether the shaft turns so near its first critical speed that a bow moves it like an unbalance, and
 /// neither can be told.
-fn is_near_critical(shaft: ShaftIndex, features: &WindowFeatures, context: &Context<'_>) -> bool {
+pub(super) fn is_near_critical(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
     let described = context.machine.shaft(shaft);
     let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| f.0 * r);
     let ratio = speed.zip(described.first_critical).map(|(speed, critical)| speed / critical.0);

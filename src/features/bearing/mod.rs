@@ -335,6 +335,10 @@ const EQUAL_HEIGHT: f64 = 0.5;
 /// places a line within a tenth of a cell, and that counts m times.
 const MULTIPLE_TOLERANCE: f64 = 0.6;
 
+/// And this near, relative: so far the speed of an induction motor wanders while the window lasts, which
+/// moves a line and its multiple by different parts of their smeared widths.
+const WANDER: f64 = 3e-3;
+
 /// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
 /// least half as deep. Half the rate of a rolling element's line is its own: one race struck.
 fn slower_rate(
@@ -343,11 +347,12 @@ fn slower_rate(
     (frequency_hz, depth): (f64, f64),
     scratch: &mut Vec<f32>,
 ) -> Option<Hz> {
-    let tolerance_hz = MULTIPLE_TOLERANCE / spectrum.duration_s;
+    let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(WANDER * frequency_hz);
     let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
     (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
         let centre = bin_at(frequency_hz / multiple, spectrum.bin_hz);
-        let at = strongest_peak(spectrum, centre.saturating_sub(1)..=centre + 1)?;
+        let reach = floor_index(tolerance_hz / multiple / spectrum.bin_hz) + 1;
+        let at = strongest_peak(spectrum, centre.saturating_sub(reach)..=centre + reach)?;
         let (place, height) = peak(spectrum.depth, at);
         let slower_hz = place * spectrum.bin_hz;
         let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;

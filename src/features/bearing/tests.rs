@@ -161,7 +161,7 @@ fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
     // Knocks at a third of it, as high: 32.967 Hz lies between two bins.
     let found = slower(&[own, (32.967, 0.5), (65.933, 0.5)], DefectLine::Bpfo).unwrap();
     assert!((found - 32.967).abs() < 0.01, "{found}");
-    // Less than half as high; or off by more than lines can be placed: 3·33.1 = 99.3.
+    // Less than half as high; or off by more than a speed wanders: 3·33.1 = 99.3 is 0.4 % off.
     assert_eq!(slower(&[own, (32.967, 0.2)], DefectLine::Bpfo), None);
     assert_eq!(slower(&[own, (33.1, 0.6)], DefectLine::Bpfo), None);
     // One race struck: half the rate of a rolling element's line is its own.
