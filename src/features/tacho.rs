@@ -150,8 +150,8 @@ fn smooth_track(
     PhaseTrack::from_knots(times_s, &of_first)
 }
 
-/// Samples of a speed channel that are averaged into one knot at least, so that its noise does not
-/// shake the angle; and the knots of a window at most.
+/// Knots of a speed channel's window at most: the samples between two are averaged, so that their noise does
+/// not shake the angle.
 const KNOTS: usize = 256;
 
 /// The turning of the first shaft by the speeds of a shaft that turns `ratio` times as fast.

@@ -22,7 +22,7 @@ pub struct Plan {
     pub first_seed: u64,
     /// Seeds of each cell of the stand; the rig takes the first.
     pub n_seeds: u64,
-    /// A tenth of the rig's cells only.
+    /// One speed, clearance, load, size and noise of the rig instead of all.
     pub is_thin: bool,
 }
 

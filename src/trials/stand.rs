@@ -33,7 +33,7 @@ const RATE_HZ: f64 = 12_000.0;
 const N_SAMPLES: usize = 120_000;
 const SPEED_HZ: f64 = 29.95;
 
-/// The damaged bearing, and the machine's shaft.
+/// The bearing that is damaged.
 const DAMAGED: &str = "drive-end";
 
 const MACHINE: &str = "[machine]\nid = \"stand\"\nname = \"Motor stand\"\n[[shaft]]\nid = \"motor\"\n\

@@ -39,10 +39,10 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
-    /// False-alarm probability if most bands must show it.
-    pub(super) probability: f64,
+    /// False-alarm probability if most bands must show it, paid for the other way.
+    broad_probability: f64,
     /// The same if a quarter of them must.
-    pub(super) narrow_probability: f64,
+    narrow_probability: f64,
     pub(super) best: Option<&'a BandReading>,
     /// Depth that a quarter of the bands reach.
     agreed_depth: f64,
@@ -150,13 +150,15 @@ impl<'a> Candidate<'a> {
             readings.iter().filter(showing).map(BandReading::total_depth).collect();
         depths.sort_by(|a, b| b.total_cmp(a));
         let quarter = readings.len().div_ceil(4).max(1);
+        let paid =
+            |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: depths.get(quarter - 1).copied().unwrap_or(0.0),
             search,
             n_bands: readings.len(),
             n_showing: readings.iter().filter(showing).count(),
-            probability: (confidence::combine(&probabilities, MOST) * n_looks).min(1.0),
-            narrow_probability: (confidence::combine(&probabilities, A_QUARTER) * n_looks).min(1.0),
+            broad_probability: paid(MOST),
+            narrow_probability: paid(A_QUARTER),
             best,
         }
     }
@@ -168,7 +170,7 @@ impl<'a> Candidate<'a> {
 
     /// Proven in most bands, as impacts are heard.
     pub(super) fn is_broad(&self) -> bool {
-        self.probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
+        self.broad_probability <= confidence::FALSE_ALARM_PROBABILITY
             && self.depth() >= severity::WARNING_DEPTH
     }
 
@@ -177,8 +179,24 @@ impl<'a> Candidate<'a> {
     fn is_narrow(&self) -> bool {
         // A cage strikes nothing: what few bands show at its rate is modulation.
         self.search.line != DefectLine::Ftf
-            && self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY / N_WAYS
+            && self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY
             && self.depth() >= NARROW_DEPTH
+    }
+
+    /// Probability of a false alarm of the way it is proven: in a quarter of the bands only where most do
+    /// not prove it.
+    pub(super) fn probability(&self) -> f64 {
+        if self.is_narrow() && !self.is_broad() {
+            self.narrow_probability
+        } else {
+            self.broad_probability
+        }
+    }
+
+    /// Whether it stands over the noise, so that it competes with a line that accuses: it is not accused,
+    /// and pays for no second way.
+    pub(super) fn stands(&self) -> bool {
+        self.probability() <= N_WAYS * confidence::FALSE_ALARM_PROBABILITY
     }
 
     /// Whether a quarter of the bands find it as deep as matters: impacts are deep wherever they are heard,
@@ -317,4 +335,61 @@ pub(super) fn heard_best<'a>(
         })
         .max_by(|a, b| a.line_power().total_cmp(&b.line_power()))
         .map_or(candidate.search, |c| c.search)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::bands::Band;
+    use crate::features::bearing::Harmonic;
+    use crate::machine::uncertainty::RelativeBand;
+
+    /// A line read in eight bands, of this depth in the first `n_deep`, lost in noise in the others.
+    fn search(line: DefectLine, n_deep: u32, depth: f64) -> LineSearch {
+        let reading = |i: u32| {
+            let (power_ratio, depth) = if i < n_deep { (900.0, depth) } else { (1.0, 0.01) };
+            let harmonic = Harmonic { power_ratio, depth, floor_dof: 100.0, n_cells: 40.0 };
+            BandReading {
+                band: Band { low: Hz(0.0), high: Hz(5e3), whitened: false },
+                frequency: Hz(150.0),
+                harmonics: [Some(harmonic), Some(harmonic), None, None],
+                side_band: None,
+                shaft_depth: 0.0,
+                slower: None,
+                mean_square: 1.0,
+            }
+        };
+        LineSearch {
+            bearing: BearingIndex(0),
+            channel: ChannelIndex(0),
+            line,
+            expected: Hz(150.0),
+            band: RelativeBand::default(),
+            shaft_speed: Hz(30.0),
+            side_band_spacing: Hz(30.0),
+            resolution: Hz(0.2),
+            sample_range: (0, 1),
+            outcome: Ok((0..8).map(reading).collect()),
+        }
+    }
+
+    /// Whether it is proven, and in most bands; its probability.
+    fn weighed(line: DefectLine, n_deep: u32, depth: f64) -> (bool, bool, f64) {
+        let search = search(line, n_deep, depth);
+        let candidate = Candidate::weigh(&search, &[], 4.0);
+        (candidate.is_proven(), candidate.is_broad(), candidate.probability())
+    }
+
+    #[test]
+    fn a_line_proven_in_few_bands_has_the_probability_of_those() {
+        // Two harmonics of equal depth: D = √2·depth.
+        let (proven, broad, p) = weighed(DefectLine::Bpfo, 4, 0.5);
+        assert!(proven && broad && p < 1e-6, "half of the bands: {p}");
+        let (proven, broad, p) = weighed(DefectLine::Bpfo, 2, 0.8);
+        assert!(proven && !broad && p < 1e-6, "a quarter, D = 1.13: {p}");
+        let (proven, _, p) = weighed(DefectLine::Bpfo, 2, 0.6);
+        assert!(!proven && p > 0.5, "a quarter, D = 0.85: {p}");
+        assert!(!weighed(DefectLine::Bpfo, 1, 0.8).0, "one of eight");
+        assert!(!weighed(DefectLine::Ftf, 2, 0.8).0, "a cage strikes nothing");
+    }
 }

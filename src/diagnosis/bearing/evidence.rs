@@ -28,7 +28,7 @@ pub(super) fn evidence(
     for line in DefectLine::ALL {
         let of_line = || candidates.iter().filter(|c| c.search.line == line);
         let is_accepted = |c: &&Candidate<'_>| accepted.iter().any(|a| a.is_by(c.search));
-        let rank = |c: &Candidate<'_>| (c.depth(), -c.probability);
+        let rank = |c: &Candidate<'_>| (c.depth(), -c.probability());
         let deepest = || {
             of_line().max_by(|a, b| {
                 let (a, b) = (rank(a), rank(b));
@@ -60,7 +60,7 @@ fn envelope_evidence(candidate: &Candidate<'_>, context: &Context<'_>) -> Eviden
         value: candidate.depth(),
         unit: Unit::One,
         threshold: Some(severity::WARNING_DEPTH),
-        false_alarm_probability: Some(candidate.probability),
+        false_alarm_probability: Some(candidate.probability()),
         sample_range: Some(search.sample_range),
     }
 }

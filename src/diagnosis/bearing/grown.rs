@@ -69,7 +69,7 @@ pub(super) fn strongest<'a>(
     });
     let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
     grown
-        .filter(|g| g.ratio >= GROWN_RATIO && g.probability <= confidence::FALSE_ALARM_PROBABILITY)
+        .filter(|g| g.probability <= confidence::FALSE_ALARM_PROBABILITY)
         .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
         .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))
 }

@@ -162,9 +162,7 @@ fn accuse(
     let rival = candidates
         .iter()
         .filter(|c| c.search.line != first.search.line && c.search.line != DefectLine::Ftf)
-        .filter(|c| {
-            c.probability <= confidence::FALSE_ALARM_PROBABILITY && c.depth() >= COMPETING_DEPTH
-        })
+        .filter(|c| c.stands() && c.depth() >= COMPETING_DEPTH)
         .max_by(|a, b| a.power_ratio().total_cmp(&b.power_ratio()));
     let leads = rival.is_none_or(|r| {
         first.power_ratio() >= LEAD_POWER_RATIO * r.power_ratio() && first.n_showing > r.n_showing
@@ -259,7 +257,7 @@ fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures) -> f64 {
     let margin = 1.0
         - 0.25 * (severity::WARNING_DEPTH / candidate.depth().max(severity::WARNING_DEPTH)).powi(2);
     let speed = 0.5 + 0.5 * features.speed.confidence;
-    (agreement * margin * speed * (1.0 - candidate.probability)).min(0.99)
+    (agreement * margin * speed * (1.0 - candidate.probability())).min(0.99)
 }
 
 fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
