@@ -95,6 +95,8 @@ mod tests {
                 side_band: None,
                 shaft_depth: 0.0,
                 slower: None,
+                is_shaft_product: false,
+                carrier: None,
                 mean_square: 1.0,
             }
         };

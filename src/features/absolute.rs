@@ -115,6 +115,7 @@ impl AbsoluteSpectrum {
             bin_hz: self.bin_hz,
             duration_s: self.duration_s,
             mean_square: self.scale * self.scale,
+            tone: None,
         };
         let top = Hz(self.bin_hz * self.depth.len() as f64);
         let band = Band { low: Hz(0.0), high: top, whitened: false };

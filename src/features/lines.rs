@@ -23,6 +23,7 @@ use crate::dsp::whiten::WhitenPlan;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
 use crate::machine::bearing::FaultRates;
+use crate::machine::bearing::RotatingRing;
 use crate::machine::sensor::Location;
 use crate::machine::sensor::Sensor;
 use crate::machine::sensor::SensorKind;
@@ -58,6 +59,8 @@ struct Target {
     rival: Option<DefectLine>,
     shaft_speed: Hz,
     side_band_spacing: Hz,
+    /// Whether it is the line of the race that does not turn.
+    is_at_rest: bool,
     /// Lines to keep clear of.
     known: Vec<KnownLine>,
 }
@@ -145,7 +148,9 @@ impl<'m> LineReader<'m> {
             else {
                 continue;
             };
-            let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square };
+            let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0);
+            let tone = bins.and_then(|b| bearing::leading_tone(source, b, 1.0 / duration_s));
+            let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
             for (place, target) in pending {
                 let search = &mut searches[*place];
                 let task = target.task(duration_s);
@@ -263,6 +268,10 @@ impl<'m> LineReader<'m> {
             let Some(rates) = described.fault_rates(shaft_speed) else { continue };
             let ftf = Hz(rates.ftf.0.abs());
             let bands = described.bands;
+            let at_rest = match described.rotating_ring {
+                RotatingRing::Inner => DefectLine::Bpfo,
+                RotatingRing::Outer => DefectLine::Bpfi,
+            };
             targets.extend(DefectLine::ALL.into_iter().map(|line| {
                 let expected = rate_of(line, &rates);
                 let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
@@ -277,6 +286,7 @@ impl<'m> LineReader<'m> {
                     rival,
                     shaft_speed,
                     side_band_spacing,
+                    is_at_rest: line == at_rest,
                     known,
                 }
             }));
@@ -328,6 +338,7 @@ impl Target {
             expected: self.expected,
             band: self.band,
             side_band_spacing: self.side_band_spacing,
+            is_at_rest: self.is_at_rest,
             shaft_speed: self.shaft_speed,
             known: &self.known,
             resolution: Hz(HANN_LOBE / duration_s),

@@ -3,12 +3,15 @@
 
 use super::accept;
 use super::accept::Accepted;
-use super::accept::Candidate;
+use super::candidate;
+use super::candidate::Candidate;
 use super::grown;
+use super::grown::Grown;
 use super::sentence;
 use crate::diagnosis::Context;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
+use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::machine::BearingIndex;
@@ -36,8 +39,12 @@ pub(super) struct Sorted<'c> {
 pub(super) enum Doubt {
     /// A rolling element's line without the side bands of the cage.
     Bare,
+    /// A cage's line that unequal elements make as well.
+    Carried,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
+    /// It lives in the lowest band alone, as the motion does that passing elements impose.
+    Smooth,
     /// The healthy machine's absolute vibration shows it as strongly.
     NotGrown,
     /// The noise beside it leaves less depth than accuses.
@@ -64,9 +71,11 @@ pub(super) fn sort<'c>(candidates: &'c [Candidate<'c>], seen: &Seen<'c>) -> Sort
                     sorted.doubts.push((Doubt::NearLimit, candidate));
                 }
                 _ if candidate.is_bare() => sorted.doubts.push((Doubt::Bare, candidate)),
+                _ if candidate.is_carried() => sorted.doubts.push((Doubt::Carried, candidate)),
                 _ if candidate.is_overheard(accepted) => {
                     sorted.doubts.push((Doubt::Overheard, candidate));
                 }
+                _ if is_smooth(candidate, seen) => sorted.doubts.push((Doubt::Smooth, candidate)),
                 _ if has_not_grown(candidate, seen) => {
                     sorted.doubts.push((Doubt::NotGrown, candidate));
                 }
@@ -88,12 +97,14 @@ pub(super) fn why_open(
     seen: &Seen<'_>,
 ) -> Option<String> {
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
-        Doubt::Bare | Doubt::Overheard | Doubt::NotGrown => true,
+        Doubt::Bare | Doubt::Carried | Doubt::Overheard | Doubt::Smooth | Doubt::NotGrown => true,
         Doubt::NearLimit => !has_not_grown(line, seen),
     });
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
         Doubt::Bare => without_cage(line, seen.context),
+        Doubt::Carried => carried(line, seen.context),
         Doubt::Overheard => overheard(line, seen.context),
+        Doubt::Smooth => smooth(line, seen.context),
         Doubt::NotGrown => not_grown(line, seen.context),
         Doubt::NearLimit => too_near(line, seen.context),
     });
@@ -113,9 +124,31 @@ pub(super) fn why_open(
     first.or_else(in_few).or_else(of_several)
 }
 
+/// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
+/// rate.
+fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let near = |s: &&LineSearch| {
+        let (a, b) = (s.expected.0, line.search.expected.0);
+        (a - b).abs() <= s.resolution.0 && s.outcome.is_ok()
+    };
+    let searches = seen.features.bearing_lines.iter().filter(near);
+    let lines: Vec<Candidate<'_>> =
+        searches.map(|s| Candidate::weigh_all(s, seen.accepted, 1.0)).collect();
+    candidate::is_smooth(&lines)
+}
+
 /// Whether a baseline has this line of the absolute vibration and it has not grown since.
 fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     grown::is_as_when_healthy(seen.bearing, line.search.line, seen.features, seen.context)
+}
+
+/// Why a line of the lowest band alone does not accuse.
+fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; it lies in the lowest band alone, as the motion does that passing elements impose, impacts ring \
+         above it: not accused",
+        sentence(line, context)
+    )
 }
 
 /// Why a line that was there before does not accuse.
@@ -140,6 +173,14 @@ fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
     )
 }
 
+/// Why a cage's line does not accuse.
+fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; unequal elements that the cage carries through the load modulate as much: not accused",
+        sentence(line, context)
+    )
+}
+
 /// Why a line that a much stronger neighbour may cause does not accuse.
 fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
@@ -154,6 +195,16 @@ fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
         "{}; too few bands agree to accuse, too deep to acquit: a baseline of the healthy machine would \
          tell",
         sentence(line, context)
+    )
+}
+
+/// Why a line that has grown beside a stronger one does not accuse.
+pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<'_>) -> String {
+    format!(
+        "{}; {} at {} has grown too and is stronger: cause not proven",
+        grown.sentence(context),
+        other.line.name(),
+        context.machine.bearing(other.bearing).id,
     )
 }
 

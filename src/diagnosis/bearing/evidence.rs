@@ -1,7 +1,7 @@
 //! The numbers behind a bearing's verdict.
 
 use super::accept::Accepted;
-use super::accept::Candidate;
+use super::candidate::Candidate;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
 use crate::diagnosis::fault::Detector;
@@ -54,9 +54,9 @@ fn envelope_evidence(candidate: &Candidate<'_>, context: &Context<'_>) -> Eviden
         indicator: format!("envelope_line_{}", search.line.slug()),
         channel: context.channel_name(search.channel).to_owned(),
         detector: None,
-        frequency: candidate.best.map(|b| b.frequency),
+        frequency: candidate.best.as_ref().map(|b| b.frequency),
         expected: Some(search.expected),
-        order: candidate.best.map(|b| b.frequency.0 / search.shaft_speed.0),
+        order: candidate.best.as_ref().map(|b| b.frequency.0 / search.shaft_speed.0),
         value: candidate.depth(),
         unit: Unit::One,
         threshold: Some(severity::WARNING_DEPTH),

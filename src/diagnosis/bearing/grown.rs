@@ -31,47 +31,88 @@ pub(super) struct Grown<'a> {
 }
 
 impl Grown<'_> {
+    /// What was found, in words.
+    pub(super) fn sentence(&self, context: &Context<'_>) -> String {
+        let (x, y) = self.line.pair;
+        format!(
+            "{} {:.1} Hz in the absolute vibration of {} and {} is {:.1} times its baseline",
+            self.line.line.name(),
+            self.line.reading.frequency.0,
+            context.channel_name(x),
+            context.channel_name(y),
+            self.ratio,
+        )
+    }
+
     /// Severity of the growth.
     pub(super) fn severity(&self) -> f64 {
         severity::of_ratio(self.ratio, GROWN_RATIO, DAMAGED_RATIO)
     }
 }
 
+/// What has grown at a bearing.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Growth<'a> {
+    /// A line that nothing else explains.
+    Proven(Grown<'a>),
+    /// A line beside a stronger one that has grown as well: of another element, or at another bearing.
+    Beside(Grown<'a>, &'a AbsoluteLine),
+}
+
 /// The strongest line of `bearing` that has grown: it stands over the noise *and* over the baseline,
-/// and neither a line accepted elsewhere nor the shaft's events explain it.
+/// and neither a line accepted elsewhere nor the shaft's events explain it. Beside a stronger one it proves
+/// nothing: what strikes hard in one place moves all lines of the machine.
 pub(super) fn strongest<'a>(
     bearing: BearingIndex,
     features: &'a WindowFeatures,
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
-) -> Option<Grown<'a>> {
-    let of_bearing: Vec<&AbsoluteLine> = features
+) -> Option<Growth<'a>> {
+    // A baseline is of one speed.
+    if features.speed.is_transient() {
+        return None;
+    }
+    let is_searched = |l: &&AbsoluteLine| l.line != DefectLine::Ftf;
+    let own: Vec<&AbsoluteLine> = features
         .absolute_lines
         .iter()
-        // A baseline is of one speed.
-        .filter(|_| !features.speed.is_transient())
-        .filter(|l| l.bearing == bearing && l.line != DefectLine::Ftf)
-        .filter(|l| !l.reading.is_explained())
+        .filter(is_searched)
+        .filter(|l| l.bearing == bearing && !l.reading.is_explained())
         .collect();
-    let looks = of_bearing.len() as f64;
-    let grown = of_bearing.into_iter().filter_map(|line| {
-        let channel = context.channel_name(line.pair.0);
-        let name = absolute::line_name(line.line, &context.machine.bearing(bearing).id);
-        let compared = context.baseline.compare(channel, &name, line.amplitude)?;
-        if compared.ratio < GROWN_RATIO * rest_ratio(line, features, context) {
-            return None;
-        }
+    let looks = own.len() as f64;
+    let grown = own.into_iter().filter_map(|line| {
+        let (ratio, over_baseline) = growth(line, features, context)?;
         let over_noise = confidence::harmonic_tail(&line.reading.harmonics[0]?);
-        let over_baseline = confidence::normal_tail(compared.z());
         // Both must hold, so the larger probability counts.
         let probability = (looks * over_noise.max(over_baseline)).min(1.0);
-        Some(Grown { line, ratio: compared.ratio, probability })
+        Some(Grown { line, ratio, probability })
     });
     let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
-    grown
+    let grown = grown
         .filter(|g| g.probability <= confidence::FALSE_ALARM_PROBABILITY)
         .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
-        .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))
+        .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))?;
+    let stronger = features
+        .absolute_lines
+        .iter()
+        .filter(is_searched)
+        .filter(|l| l.amplitude > grown.line.amplitude)
+        .find(|l| growth(l, features, context).is_some());
+    Some(stronger.map_or(Growth::Proven(grown), |other| Growth::Beside(grown, other)))
+}
+
+/// Ratio of a line's amplitude to its baseline, and the probability of that by chance; `None` if it is too small to
+/// count.
+fn growth(
+    line: &AbsoluteLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<(f64, f64)> {
+    let channel = context.channel_name(line.pair.0);
+    let name = absolute::line_name(line.line, &context.machine.bearing(line.bearing).id);
+    let compared = context.baseline.compare(channel, &name, line.amplitude)?;
+    let is_grown = compared.ratio >= GROWN_RATIO * rest_ratio(line, features, context);
+    is_grown.then(|| (compared.ratio, confidence::normal_tail(compared.z())))
 }
 
 /// How much everything but the shafts' lines has risen in the pair's first channel, at least 1: a machine

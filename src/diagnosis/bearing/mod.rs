@@ -6,6 +6,7 @@
 //! S1). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
+mod candidate;
 mod doubt;
 mod evidence;
 mod grown;
@@ -25,9 +26,10 @@ use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
 use accept::Accepted;
-use accept::Candidate;
+use candidate::Candidate;
 use doubt::Seen;
 use doubt::Sorted;
+use grown::Growth;
 
 /// Lines of several elements: the strongest must lead the next by this power ratio (6 dB).
 const LEAD_POWER_RATIO: f64 = 4.0;
@@ -76,7 +78,12 @@ fn judge_one(
             warn_of_shared(&mut verdict, first, others, features, context)
         }
         (None, None) => match grown::strongest(bearing, features, context, accepted) {
-            Some(grown) => accuse_by_growth(&mut verdict, &grown, features, context),
+            Some(Growth::Proven(grown)) => {
+                accuse_by_growth(&mut verdict, &grown, features, context);
+            }
+            Some(Growth::Beside(grown, other)) => {
+                verdict.why = doubt::beside(&grown, other, context);
+            }
             None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
                 None => acquit(&mut verdict, &candidates, &searches, accepted, features),
@@ -224,20 +231,12 @@ fn accuse_by_growth(
     context: &Context<'_>,
 ) {
     let severity = grown.severity();
-    let (x, y) = grown.line.pair;
     verdict.state = severity::state(severity);
     verdict.fault = Some(fault_of(grown.line.line));
     verdict.severity = Some(severity);
     let speed = 0.5 + 0.5 * features.speed.confidence;
     verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
-    verdict.why = format!(
-        "{} {:.1} Hz in the absolute vibration of {} and {} is {:.1} times its baseline",
-        grown.line.line.name(),
-        grown.line.reading.frequency.0,
-        context.channel_name(x),
-        context.channel_name(y),
-        grown.ratio,
-    );
+    verdict.why = grown.sentence(context);
 }
 
 /// Which element a line accuses.
@@ -261,7 +260,7 @@ fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures) -> f64 {
 }
 
 fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
-    let Some(best) = candidate.best else { return String::new() };
+    let Some(best) = &candidate.best else { return String::new() };
     let over = 10.0 * candidate.power_ratio().max(1.0).log10();
     let harmonics = best.harmonics[1..]
         .iter()

@@ -40,6 +40,8 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
         side_band: Some(harmonic(if side { 100.0 } else { 1.0 })),
         shaft_depth: 0.0,
         slower: None,
+        is_shaft_product: false,
+        carrier: None,
         mean_square: 1.0,
     };
     LineSearch {

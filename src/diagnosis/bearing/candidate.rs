@@ -1,0 +1,354 @@
+//! One line of one bearing in one channel, weighed over the bands: how probable by chance, how deep, how
+//! powerful, where in the spectrum.
+
+use super::accept::Accepted;
+use super::owner;
+use crate::diagnosis::confidence;
+use crate::diagnosis::severity;
+use crate::features::bearing::BandReading;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::units::Hz;
+
+/// A band counts as showing a line at this probability.
+const BAND_PROBABILITY: f64 = 1e-4;
+
+/// Power ratio of lines from which one bearing drowns another (10 dB).
+const OVERHEARD_POWER: f64 = 10.0;
+
+/// Power of a line above the lowest band, over that in it, below which it is a smooth motion's (−10 dB). The force of
+/// impacts is white; a motion without jumps in speed falls by 12 dB an octave, 19 dB from the middle of the
+/// lowest quarter to that of the next: the limit lies halfway.
+const SMOOTH_POWER: f64 = 0.1;
+
+/// Ways to be proven, each of which may err.
+const N_WAYS: f64 = 2.0;
+
+/// Effect size that counts in a quarter of the bands: half of the energy in one of them.
+const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
+
+/// Standard deviations below a measured depth that must still matter: one side, 5 %.
+const DEVIATIONS: f64 = 1.645;
+
+/// Parts of the bands that must agree.
+const MOST: f64 = 0.5;
+const A_QUARTER: f64 = 0.25;
+
+/// A line of one bearing, read in one channel, after what is explained has been taken out.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate<'a> {
+    pub(super) search: &'a LineSearch,
+    pub(super) n_bands: usize,
+    pub(super) n_showing: usize,
+    /// False-alarm probability if most bands must show it, paid for the other way.
+    broad_probability: f64,
+    /// The same if a quarter of them must.
+    narrow_probability: f64,
+    /// The deepest of the bands that show it.
+    pub(super) best: Option<BandReading>,
+    /// Depth that a quarter of the bands reach.
+    agreed_depth: f64,
+    /// Where in the spectrum its power is.
+    power: LinePower,
+}
+
+/// Power a line carries in the lowest band, and in the strongest of those above it if there are any, u²;
+/// of bands that show it, and of all.
+#[derive(Debug, Clone, Copy, Default)]
+struct LinePower {
+    lowest_shown: f64,
+    above_shown: f64,
+    lowest: f64,
+    above: Option<f64>,
+}
+
+impl LinePower {
+    /// From the readings as measured (a whitened band has no power of its own).
+    fn of(readings: &[BandReading], shows: impl Fn(&BandReading) -> bool) -> Self {
+        let raw = || readings.iter().filter(|r| !r.band.whitened);
+        let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
+        let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
+        let power = |r: &BandReading| r.total_depth() * r.mean_square;
+        let shown = |r: &BandReading| if shows(r) { power(r) } else { 0.0 };
+        let touching = raw().filter(|r| r.band.low.0 <= floor_hz);
+        let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
+        Self {
+            lowest_shown: lowest.map_or(0.0, shown),
+            above_shown: raw().filter(is_above).map(shown).fold(0.0, f64::max),
+            lowest: lowest.map_or(0.0, power),
+            above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
+        }
+    }
+}
+
+/// Whether a line lives in the lowest band alone in all the channels that listen for it (C12): struck metal
+/// rings at all frequencies, a motion that passing elements impose is smooth and dies out upwards.
+pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
+    let above = line.iter().filter_map(|c| c.power.above).reduce(|a, b| a + b);
+    let lowest: f64 = line.iter().map(|c| c.power.lowest).sum();
+    above.is_some_and(|above| above < SMOOTH_POWER * lowest)
+}
+
+impl<'a> Candidate<'a> {
+    pub(super) fn depth(&self) -> f64 {
+        self.best.as_ref().map_or(0.0, BandReading::total_depth)
+    }
+
+    pub(super) fn part(&self) -> f64 {
+        if self.n_bands == 0 { 0.0 } else { self.n_showing as f64 / self.n_bands as f64 }
+    }
+
+    /// Power the line carries above the lowest band, or in it if nowhere else: what decides who hears it
+    /// best. High frequencies die out on their way, low ones shake the whole machine.
+    pub(super) fn line_power(&self) -> f64 {
+        let LinePower { above_shown, lowest_shown, .. } = self.power;
+        if above_shown > 0.0 { above_shown } else { lowest_shown }
+    }
+
+    pub(super) fn power_ratio(&self) -> f64 {
+        let fundamental = self.best.as_ref().and_then(|b| b.harmonics[0]);
+        fundamental.map_or(0.0, |h| h.power_ratio)
+    }
+
+    /// Weighs one search, leaving out readings that accepted lines or the shaft's events explain.
+    /// `n_looks`: searches of this bearing among which the strongest is picked.
+    pub(super) fn weigh(search: &'a LineSearch, accepted: &[Accepted<'_>], n_looks: f64) -> Self {
+        Self::weigh_those(search, accepted, n_looks, |r| !r.is_explained())
+    }
+
+    /// Weighs one search, those readings included that the shaft's events explain.
+    pub(super) fn weigh_all(
+        search: &'a LineSearch,
+        accepted: &[Accepted<'_>],
+        n_looks: f64,
+    ) -> Self {
+        Self::weigh_those(search, accepted, n_looks, |_| true)
+    }
+
+    /// Weighs the readings of one search that are `fit` and that accepted lines do not explain.
+    fn weigh_those(
+        search: &'a LineSearch,
+        accepted: &[Accepted<'_>],
+        n_looks: f64,
+        fit: impl Fn(&BandReading) -> bool,
+    ) -> Self {
+        let readings = search.outcome.as_deref().unwrap_or(&[]);
+        // A line is weighed as it was accepted: against those accepted before it.
+        let before = accepted.iter().take_while(|a| !a.is_of(search.bearing, search.line));
+        let before: Vec<&Accepted<'_>> = before.collect();
+        let explained = |f: Hz| before.iter().any(|a| a.explains(f, search.resolution));
+        let own = |r: &BandReading| fit(r) && !explained(r.frequency);
+        let readings: Vec<BandReading> =
+            readings.iter().map(|r| r.without_harmonics(explained)).collect();
+        let probabilities: Vec<f64> = readings
+            .iter()
+            .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
+            .collect();
+        let shows = |r: &BandReading| own(r) && confidence::band_probability(r) <= BAND_PROBABILITY;
+        let mut showing: Vec<&BandReading> = readings.iter().filter(|r| shows(r)).collect();
+        showing.sort_by(|a, b| b.total_depth().total_cmp(&a.total_depth()));
+        let quarter = readings.len().div_ceil(4).max(1);
+        let paid =
+            |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
+        Self {
+            agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
+            power: LinePower::of(&readings, shows),
+            search,
+            n_bands: readings.len(),
+            n_showing: showing.len(),
+            broad_probability: paid(MOST),
+            narrow_probability: paid(A_QUARTER),
+            best: showing.first().map(|r| (*r).clone()),
+        }
+    }
+
+    /// Whether the line is there and as deep as matters: in most bands, or in few and twice as deep.
+    pub(super) fn is_proven(&self) -> bool {
+        self.is_broad() || self.is_narrow()
+    }
+
+    /// Proven in most bands, as impacts are heard.
+    pub(super) fn is_broad(&self) -> bool {
+        self.broad_probability <= confidence::FALSE_ALARM_PROBABILITY
+            && self.depth() >= severity::WARNING_DEPTH
+    }
+
+    /// Proven in a quarter of the bands, one of which owes half of its energy to the line (C4): impacts
+    /// that one resonance alone brings above the noise.
+    fn is_narrow(&self) -> bool {
+        // A cage strikes nothing: what few bands show at its rate is modulation.
+        self.search.line != DefectLine::Ftf
+            && self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY
+            && self.depth() >= NARROW_DEPTH
+    }
+
+    /// Probability of a false alarm of the way it is proven: in a quarter of the bands only where most do
+    /// not prove it.
+    pub(super) fn probability(&self) -> f64 {
+        if self.is_narrow() && !self.is_broad() {
+            self.narrow_probability
+        } else {
+            self.broad_probability
+        }
+    }
+
+    /// Whether it stands over the noise, so that it competes with a line that accuses: it is not accused,
+    /// and pays for no second way.
+    pub(super) fn stands(&self) -> bool {
+        self.probability() <= N_WAYS * confidence::FALSE_ALARM_PROBABILITY
+    }
+
+    /// Whether a quarter of the bands find it as deep as matters: impacts are deep wherever they are heard,
+    /// passing elements only where they happen to move the vibration's level.
+    pub(super) fn is_agreed(&self) -> bool {
+        self.agreed_depth >= severity::WARNING_DEPTH
+    }
+
+    /// Whether another bearing strikes so much harder that what is heard here may be its blows, modulated
+    /// by the elements of this one.
+    pub(super) fn is_overheard(&self, accepted: &[Accepted<'_>]) -> bool {
+        accepted.iter().any(|a| {
+            let elsewhere = !a.owners.is_empty()
+                && a.owners.iter().all(|s| s.bearing != self.search.bearing)
+                && a.heard.0 != self.search.channel;
+            elsewhere && a.heard.1 >= OVERHEARD_POWER * self.line_power()
+        })
+    }
+
+    /// Whether a band shows a line of effect, though too few do to accuse.
+    pub(super) fn is_deep_in_few(&self) -> bool {
+        self.n_showing > 0 && self.is_surely_deep()
+    }
+
+    /// Whether it is as deep as matters even at the lower end of what the noise beside it leaves open
+    /// (C9).
+    pub(super) fn is_surely_deep(&self) -> bool {
+        self.least_depth() >= severity::WARNING_DEPTH
+    }
+
+    /// Whether it is a rolling element's line without the side bands of the cage: a damaged element goes
+    /// through the load zone at FTF.
+    pub(super) fn is_bare(&self) -> bool {
+        let frequency = self.best.as_ref().map_or(Hz(0.0), |best| best.frequency);
+        self.search.line == DefectLine::TwoBsf && !owner::has_side_bands(self.search, frequency)
+    }
+
+    /// Whether it is a cage's line of less than full modulation: as much is made by sound elements that differ, as
+    /// the cage carries them through the load.
+    pub(super) fn is_carried(&self) -> bool {
+        self.search.line == DefectLine::Ftf && self.depth() < NARROW_DEPTH
+    }
+
+    /// Lower end of the depth: noise adds to an amplitude with a standard deviation of 1/√(2·R) of it,
+    /// R its power over the noise's.
+    fn least_depth(&self) -> f64 {
+        let ratio = self.power_ratio();
+        let spread = if ratio > 0.0 { DEVIATIONS / (2.0 * ratio).sqrt() } else { 0.0 };
+        self.depth() * (1.0 - spread).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::bands::Band;
+    use crate::features::bearing::Harmonic;
+    use crate::machine::BearingIndex;
+    use crate::machine::uncertainty::RelativeBand;
+    use crate::signal::ChannelIndex;
+
+    /// A line read in eight bands, of this depth in the first `n_deep`, lost in noise in the others.
+    fn search(line: DefectLine, n_deep: u32, depth: f64) -> LineSearch {
+        let reading = |i: u32| {
+            let (power_ratio, depth) = if i < n_deep { (900.0, depth) } else { (1.0, 0.01) };
+            let harmonic = Harmonic { power_ratio, depth, floor_dof: 100.0, n_cells: 40.0 };
+            BandReading {
+                band: Band { low: Hz(0.0), high: Hz(5e3), whitened: false },
+                frequency: Hz(150.0),
+                harmonics: [Some(harmonic), Some(harmonic), None, None],
+                side_band: None,
+                shaft_depth: 0.0,
+                slower: None,
+                is_shaft_product: false,
+                carrier: None,
+                mean_square: 1.0,
+            }
+        };
+        LineSearch {
+            bearing: BearingIndex(0),
+            channel: ChannelIndex(0),
+            line,
+            expected: Hz(150.0),
+            band: RelativeBand::default(),
+            shaft_speed: Hz(30.0),
+            side_band_spacing: Hz(30.0),
+            resolution: Hz(0.2),
+            sample_range: (0, 1),
+            outcome: Ok((0..8).map(reading).collect()),
+        }
+    }
+
+    /// Whether it is proven, and in most bands; its probability.
+    fn weighed(line: DefectLine, n_deep: u32, depth: f64) -> (bool, bool, f64) {
+        let search = search(line, n_deep, depth);
+        let candidate = Candidate::weigh(&search, &[], 4.0);
+        (candidate.is_proven(), candidate.is_broad(), candidate.probability())
+    }
+
+    /// A line in the whole band, its halves and quarters, with this power in the lowest quarter and in the third.
+    fn in_quarters(lowest: f64, third: f64) -> LineSearch {
+        let mut search = search(DefectLine::Bpfo, 0, 0.0);
+        let bands =
+            [(0.0, 4e3), (0.0, 2e3), (2e3, 4e3), (0.0, 1e3), (1e3, 2e3), (2e3, 3e3), (3e3, 4e3)];
+        let readings = search.outcome.as_mut().unwrap();
+        readings.truncate(bands.len());
+        for (reading, (low, high)) in readings.iter_mut().zip(bands) {
+            reading.band = Band { low: Hz(low), high: Hz(high), whitened: false };
+            let within = |at: f64, power: f64| if low <= at && at < high { power } else { 0.0 };
+            reading.mean_square = within(500.0, lowest) + within(2500.0, third);
+        }
+        search
+    }
+
+    #[test]
+    fn what_dies_out_upwards_is_a_smooth_motion() {
+        let (low, high) = (in_quarters(1.0, 0.05), in_quarters(1.0, 0.3));
+        let of = |search: &LineSearch| is_smooth(&[Candidate::weigh_all(search, &[], 1.0)]);
+        assert!(of(&low) && !of(&high), "13 and 5 dB below");
+        // A second channel counts with its power: what shakes the whole machine is smooth though one sensor rings.
+        let strong = in_quarters(10.0, 0.05);
+        let both = [&strong, &high].map(|s| Candidate::weigh_all(s, &[], 1.0));
+        assert!(is_smooth(&both));
+        // One band alone tells nothing.
+        assert!(!of(&search(DefectLine::Bpfo, 8, 0.5)));
+    }
+
+    #[test]
+    fn a_harmonic_that_another_line_explains_adds_nothing() {
+        let weak = search(DefectLine::Bpfo, 8, 0.4);
+        let alone = Candidate::weigh(&weak, &[], 4.0);
+        // 150 and 300 Hz: a line at 200 Hz with side bands at 100 Hz stands on the second harmonic.
+        let other = Accepted {
+            frequency: Hz(200.0),
+            spacing: Hz(100.0),
+            heard: (ChannelIndex(0), 1.0),
+            owners: Vec::new(),
+        };
+        let beside = Candidate::weigh(&weak, &[other], 4.0);
+        assert!(alone.is_proven() && alone.depth() > 0.56);
+        assert!(!beside.is_proven(), "a fundamental without harmonics");
+    }
+
+    #[test]
+    fn a_line_proven_in_few_bands_has_the_probability_of_those() {
+        // Two harmonics of equal depth: D = √2·depth.
+        let (proven, broad, p) = weighed(DefectLine::Bpfo, 4, 0.5);
+        assert!(proven && broad && p < 1e-6, "half of the bands: {p}");
+        let (proven, broad, p) = weighed(DefectLine::Bpfo, 2, 0.8);
+        assert!(proven && !broad && p < 1e-6, "a quarter, D = 1.13: {p}");
+        let (proven, _, p) = weighed(DefectLine::Bpfo, 2, 0.6);
+        assert!(!proven && p > 0.5, "a quarter, D = 0.85: {p}");
+        assert!(!weighed(DefectLine::Bpfo, 1, 0.8).0, "one of eight");
+        assert!(!weighed(DefectLine::Ftf, 2, 0.8).0, "a cage strikes nothing");
+    }
+}
