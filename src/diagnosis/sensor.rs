@@ -37,6 +37,22 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
             0.25 + 0.25 * part.min(0.99),
             format!("{:.2} % of the samples lie at the end of the range", 100.0 * part),
         ),
+        (Some(SensorFlaw::Spiking { count, part }), _) => (
+            Some(FaultMode::Spiking),
+            State::Warning,
+            0.25 + 0.25 * part.min(0.99),
+            format!(
+                "{count} single samples stand far out of their neighbours and hold {:.0} % of the energy: look at plug, \
+                 cable and earth",
+                100.0 * part
+            ),
+        ),
+        (Some(SensorFlaw::WrongRange { levels }), _) => (
+            Some(FaultMode::WrongRange),
+            State::Warning,
+            0.3,
+            format!("the signal takes {levels} values only: the range is too wide for it"),
+        ),
         (None, Some(reason)) => {
             return Some(ComponentDiagnosis::undetermined(
                 id,

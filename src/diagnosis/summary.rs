@@ -18,6 +18,7 @@ use super::verdict::Timeline;
 use crate::features::WindowFeatures;
 use crate::features::speed::SpeedSource;
 use crate::units::Hz;
+use std::collections::BTreeMap;
 
 /// Part of a capture's windows that gives its state, and the fewest of them.
 const LAST_PART: f64 = 0.05;
@@ -110,9 +111,22 @@ pub fn judge_window(
                 (context.channel_name(s.channel).to_owned(), s.sample_range.0, s.sample_range.1)
             })
             .collect(),
-        notes: features.speed.notes.clone(),
+        notes: notes(features, context),
         baselines,
     }
+}
+
+/// What the user should know of the window: of its speed, of what the sensors may receive besides the machine.
+fn notes(features: &WindowFeatures, context: &Context<'_>) -> Vec<String> {
+    let mut of_sensors: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for reading in &features.sensors {
+        for doubt in &reading.doubts {
+            of_sensors.entry(doubt).or_default().push(context.channel_name(reading.channel));
+        }
+    }
+    let of_sensors =
+        of_sensors.into_iter().map(|(doubt, of)| format!("{}: {doubt}", of.join(", ")));
+    features.speed.notes.iter().cloned().chain(of_sensors).collect()
 }
 
 fn make_undetermined(component: &mut ComponentDiagnosis, why: &str) {

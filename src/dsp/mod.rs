@@ -67,4 +67,4 @@ mod drift;
 #[cfg(test)]
 mod hard_cases;
 #[cfg(test)]
-mod reference;
+pub(crate) mod reference;

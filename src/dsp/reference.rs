@@ -21,7 +21,7 @@ pub(in crate::dsp) fn sine(
 }
 
 /// White Gaussian noise of unit variance: SplitMix64 and Box–Muller.
-pub(in crate::dsp) fn gaussian_noise(n: usize, seed: u64) -> Vec<f64> {
+pub(crate) fn gaussian_noise(n: usize, seed: u64) -> Vec<f64> {
     let mut state = seed;
     let mut uniform = move || {
         state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);

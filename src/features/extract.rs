@@ -10,6 +10,7 @@ use super::absolute::AbsoluteVibration;
 use super::gear;
 use super::lines::LineReader;
 use super::overall;
+use super::reception;
 use super::sensor;
 use super::sensor::SensorReading;
 use super::shaft;
@@ -73,9 +74,10 @@ impl Extractor {
     #[must_use]
     pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
         let machine = Arc::clone(&self.machine);
-        let sensors = self.read_sensors(window);
+        let mut sensors = self.read_sensors(window);
         let mut traces = self.vibration_traces(window, &sensors);
         let mut speed = self.speed(window, &sensors, &traces);
+        reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
         speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.cache);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
@@ -143,6 +145,7 @@ impl Extractor {
                     sensor,
                     channel,
                     absent: Some("no contiguous samples in this window".to_owned()),
+                    doubts: Vec::new(),
                     flaw: None,
                     sample_range: (0, 0),
                 },
@@ -153,6 +156,7 @@ impl Extractor {
                         sensor,
                         channel,
                         absent: None,
+                        doubts: Vec::new(),
                         flaw: match self.machine.sensors[sensor].kind {
                             SensorKind::Accelerometer
                             | SensorKind::Velocity

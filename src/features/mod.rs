@@ -8,6 +8,7 @@ pub mod speed;
 pub mod tacho;
 mod trace;
 pub mod turning;
+pub mod reception;
 pub mod sensor;
 pub mod overall;
 pub mod shaft;

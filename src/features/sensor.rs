@@ -1,5 +1,6 @@
-//! Is the sensor alive: dead, stuck, clipped. Read before anything else is.
+//! Is the sensor alive: dead, stuck, clipped, spiking, of the wrong range. Read before anything else is.
 
+use crate::dsp::stats;
 use crate::dsp::stats::Moments;
 use crate::signal::ChannelIndex;
 
@@ -18,6 +19,18 @@ pub enum SensorFlaw {
         /// Samples at either extreme ÷ window length.
         part: f64,
     },
+    /// Single samples stand far out of their neighbours: a loose plug, a discharge, lost bits.
+    Spiking {
+        /// How many.
+        count: usize,
+        /// Their energy ÷ that of the whole window.
+        part: f64,
+    },
+    /// The signal takes a handful of values: the range is far too wide for it.
+    WrongRange {
+        /// How many.
+        levels: usize,
+    },
 }
 
 /// Health of one sensor in a window.
@@ -29,6 +42,8 @@ pub struct SensorReading {
     pub channel: ChannelIndex,
     /// Why the window holds no samples of it, if so.
     pub absent: Option<String>,
+    /// What may be wrong besides, in sentences ([`super::reception`]).
+    pub doubts: Vec<String>,
     /// What is wrong, if anything.
     pub flaw: Option<SensorFlaw>,
     /// First sample and one past the last.
@@ -44,6 +59,25 @@ const CLIPPED_MIN_SAMPLES: usize = 8;
 
 /// See [`CLIPPED_MIN_SAMPLES`].
 const CLIPPED_PART: f64 = 1e-4;
+
+/// Standard deviation of a Gaussian variable over the median of its magnitude.
+const MAD_TO_DEVIATION: f64 = 1.4826;
+
+/// Values a vibration must take to be one: below, it is quantised to an eighth of its peak, an error of −31 dB.
+const FEWEST_LEVELS: usize = 8;
+
+/// A spike's height in standard deviations of what samples of a Gaussian signal deviate from their neighbours' mean: none
+/// of 10¹⁰ reaches eight, and impacts that ring are wider than one sample.
+const SPIKE_DEVIATIONS: f64 = 12.0;
+
+/// Part of a spike's height that the samples beside it may deviate: what vibrates takes them along.
+const BESIDE_SPIKE: f64 = 0.1;
+
+/// So many spikes in a window are a fault; one may be a glitch.
+const FEWEST_SPIKES: usize = 3;
+
+/// Part of the vibration's energy from which spikes hide it: below, converters' pick-up is borne.
+const SPIKES_PART: f64 = 0.1;
 
 /// See [`held_extreme`].
 const HELD: usize = 8;
@@ -67,7 +101,37 @@ pub fn find_flaw(
     if clipped >= CLIPPED_MIN_SAMPLES && clipped as f64 / n >= CLIPPED_PART {
         return Some(SensorFlaw::Clipped { part: clipped as f64 / n });
     }
-    (part > STUCK_PART && x.len() > 200).then_some(SensorFlaw::Stuck { part })
+    if part > STUCK_PART && x.len() > 200 {
+        return Some(SensorFlaw::Stuck { part });
+    }
+    let levels = count_levels(x, FEWEST_LEVELS + 1);
+    if levels <= FEWEST_LEVELS && x.len() > 200 {
+        return Some(SensorFlaw::WrongRange { levels });
+    }
+    let (count, energy) = spikes(x);
+    let part = energy / (n * moments.variance()?);
+    (count >= FEWEST_SPIKES && part >= SPIKES_PART)
+        .then_some(SensorFlaw::Spiking { count, part: part.min(1.0) })
+}
+
+/// Number and summed squares of single samples far off the mean of their neighbours, which themselves lie where those
+/// beyond let expect.
+fn spikes(x: &[f32]) -> (usize, f64) {
+    let deviation = |before: f32, at: f32, after: f32| {
+        f64::from(at) - 0.5 * (f64::from(before) + f64::from(after))
+    };
+    let mut sizes: Vec<f64> = x.windows(3).map(|w| deviation(w[0], w[1], w[2]).abs()).collect();
+    let Some(median) = stats::median(&mut sizes).filter(|m| *m > 0.0) else { return (0, 0.0) };
+    let limit = SPIKE_DEVIATIONS * MAD_TO_DEVIATION * median;
+    let spike = |w: &[f32]| {
+        let height = deviation(w[1], w[2], w[3]).abs();
+        // Without the sample itself its neighbours lie between their own neighbours and each other.
+        let left = deviation(w[0], w[1], w[3]).abs();
+        let right = deviation(w[1], w[3], w[4]).abs();
+        (height > limit && left.max(right) <= BESIDE_SPIKE * height).then_some(height)
+    };
+    let found = x.windows(5).filter_map(spike);
+    found.fold((0, 0.0), |(count, energy), height| (count + 1, energy + height * height))
 }
 
 /// Longest run of equal neighbours.
@@ -110,11 +174,18 @@ fn held_extreme(x: impl Iterator<Item = f64> + Clone, top: f64) -> usize {
 /// Whether the record holds fewer different values than a vibration takes.
 fn has_few_levels(x: &[f32]) -> bool {
     const FEW: usize = 64;
+    count_levels(x, FEW) < FEW
+}
+
+/// Different values in the record; counted up to `enough`.
+fn count_levels(x: &[f32], enough: usize) -> usize {
     let mut seen = std::collections::BTreeSet::new();
-    !x.iter().any(|value| {
-        seen.insert(value.to_bits());
-        seen.len() >= FEW
-    })
+    let _ = x.iter().any(|value| {
+        // Minus zero is zero.
+        seen.insert((value + 0.0).to_bits());
+        seen.len() >= enough
+    });
+    seen.len()
 }
 
 #[cfg(test)]
@@ -154,6 +225,40 @@ mod tests {
     fn a_coarse_quantiser_is_not_clipped() {
         let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 8.0).round() / 8.0).collect();
         assert_eq!(flaw(&coarse), None);
+    }
+
+    #[test]
+    fn a_handful_of_values_is_the_wrong_range() {
+        let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 3.0).round() / 3.0).collect();
+        assert_eq!(flaw(&coarse), Some(SensorFlaw::WrongRange { levels: 7 }));
+    }
+
+    #[test]
+    fn lone_samples_are_spikes_and_impacts_are_not() {
+        // Noise of unit variance; spikes of 40; impacts as high that ring at a quarter of the sampling rate.
+        let noise = crate::dsp::reference::gaussian_noise(20_000, 5);
+        let noise: Vec<f32> = noise.iter().map(|v| f32::rounded(*v)).collect();
+        assert_eq!(flaw(&noise), None);
+        let mut spikes = noise.clone();
+        for at in [3_000, 9_000, 15_000] {
+            spikes[at] += 60.0;
+        }
+        // 3·60² of 20 000 + 3·60².
+        let found = flaw(&spikes);
+        assert!(
+            matches!(found, Some(SensorFlaw::Spiking { count: 3, part }) if (part - 0.35).abs() < 0.03),
+            "{found:?}"
+        );
+        let few: Vec<f32> = spikes.iter().map(|v| v.clamp(-20.0, 20.0)).collect();
+        assert_eq!(flaw(&few), None, "a twentieth of the energy hides nothing");
+        let mut impacts = noise;
+        for start in (500..19_000).step_by(250) {
+            for i in 0_u8..60 {
+                let t = f32::from(i);
+                impacts[start + usize::from(i)] += 60.0 * (-t / 12.0).exp() * (1.6 * t).sin();
+            }
+        }
+        assert_eq!(flaw(&impacts), None);
     }
 
     #[test]

@@ -242,6 +242,7 @@ mod tests {
             sensor,
             channel: ChannelIndex(0),
             absent: None,
+            doubts: Vec::new(),
             flaw: None,
             sample_range: (0, samples.len() as u64),
         };

@@ -146,6 +146,7 @@ mod tests {
             sensor: 0,
             channel: ChannelIndex(0),
             absent: None,
+            doubts: Vec::new(),
             flaw: None,
             sample_range: (1_000_000, 1_100_000),
         };
