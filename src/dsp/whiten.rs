@@ -1,4 +1,4 @@
-//! Spectral whitening that takes discrete lines down to their surroundings.
+//! Spectral whitening that limits discrete lines.
 //!
 //! Flattens resonances and transfer paths and suppresses the steady lines of shafts and gears, so
 //! that what is left of an impact train decides the envelope. Must not know bearings or gears.
@@ -27,7 +27,7 @@ pub struct WhitenPlan<T: Real> {
 
 impl<T: Real> WhitenPlan<T> {
     /// Plans for the spectra of `n` samples; levels over ± `half_width_bins` (at least 8), bins above
-    /// `clip` (> 0) times the level are set to the level, phase kept.
+    /// `clip` (> 0) times the level are set to that limit, phase kept.
     ///
     /// # Panics
     ///
@@ -78,7 +78,7 @@ impl<T: Real> WhitenPlan<T> {
                 0.0
             } else if square > limit * limit {
                 n_limited += 1;
-                unit / square.sqrt()
+                unit * self.clip / square.sqrt()
             } else {
                 unit / level
             };
@@ -154,15 +154,15 @@ mod tests {
     }
 
     #[test]
-    fn a_tone_is_reduced_to_the_floor_with_its_phase() {
+    fn a_tone_is_limited_and_keeps_its_phase() {
         let n = 20_000;
         let x = sum(&[sine(n, n as f64, 3000.0, 10.0, 0.7), gaussian_noise(n, 12)]);
         let before = spectrum::<f64>(&x);
         let (out, n_limited) = whitened::<f64>(&x);
         assert!(before[3000].norm() > 500.0 * before[3001].norm().min(200.0));
         assert!(n_limited >= 1);
-        // Set to the level itself: √n exactly.
-        assert!((out[3000].norm() / (n as f64).sqrt() - 1.0).abs() < 1e-12);
+        // Set to four levels: 4·√n exactly.
+        assert!((out[3000].norm() / (n as f64).sqrt() - 4.0).abs() < 1e-12);
         assert!((out[3000].arg() - before[3000].arg()).abs() < 1e-12);
         let (single, _) = whitened::<f32>(&x);
         // f32 FFT: 1e-7 of the largest line, 1e5, against a floor of 140.

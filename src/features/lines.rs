@@ -44,9 +44,10 @@ const MIN_WIDTH_PER_LINE: f64 = 2.5;
 /// Half width of a Hann main lobe, bins of 1/T.
 const HANN_LOBE: f64 = 2.0;
 
-/// Bins that stand more than this many noise levels high are discrete lines and are clipped by the
-/// whitened bands: a Gaussian bin does so once in 8000 (Rayleigh).
-const WHITEN_CLIP: f64 = 3.0;
+/// Bins that stand more than this many noise levels high are discrete lines and are held there in the whitened
+/// bands (20 dB): one tone then carries 1 % of a band of 1 kHz in 10 s, while impacts, a comb of a hundred lines,
+/// keep their shape.
+const WHITEN_CLIP: f64 = 10.0;
 
 /// One defect line to look for at a window's speed.
 #[derive(Debug)]

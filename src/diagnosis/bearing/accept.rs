@@ -40,6 +40,12 @@ impl<'a> Accepted<'a> {
         self.owners.iter().copied().filter(|s| !std::ptr::eq(*s, search)).collect()
     }
 
+    /// Whether `frequency` is this line's own.
+    pub(super) fn is_at(&self, frequency: Hz, resolution: Hz) -> bool {
+        let apart = (frequency.0 - self.frequency.0).abs();
+        apart <= resolution.0 + MATCH_TOLERANCE * frequency.0
+    }
+
     /// Whether `frequency` is a harmonic or side band of this line.
     pub(super) fn explains(&self, frequency: Hz, resolution: Hz) -> bool {
         (0..=4).any(|k| {

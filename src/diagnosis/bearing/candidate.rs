@@ -297,7 +297,7 @@ mod tests {
 
     /// A line in the whole band, its halves and quarters, with this power in the lowest quarter and in the third.
     fn in_quarters(lowest: f64, third: f64) -> LineSearch {
-        let mut search = search(DefectLine::Bpfo, 0, 0.0);
+        let mut search = search(DefectLine::Bpfo, 8, 0.5);
         let bands =
             [(0.0, 4e3), (0.0, 2e3), (2e3, 4e3), (0.0, 1e3), (1e3, 2e3), (2e3, 3e3), (3e3, 4e3)];
         let readings = search.outcome.as_mut().unwrap();

@@ -121,7 +121,26 @@ pub(super) fn why_open(
             readable.map(|s| Candidate::weigh_all(s, seen.accepted, looks)).collect();
         ambiguous(&lines)
     };
-    first.or_else(in_few).or_else(of_several)
+    first.or_else(in_few).or_else(|| nobodys(searches, seen)).or_else(of_several)
+}
+
+/// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of
+/// health either.
+fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
+    let looks = accept::n_looks(seen.features, seen.bearing);
+    let readable = searches.iter().filter(|s| s.outcome.is_ok());
+    let is_nobodys = |line: &Candidate<'_>| {
+        let mut without_owner = seen.accepted.iter().filter(|a| a.owners.is_empty());
+        let frequency = line.best.as_ref().map(|best| best.frequency);
+        frequency.is_some_and(|f| without_owner.any(|a| a.is_at(f, line.search.resolution)))
+    };
+    let proven = readable.map(|s| Candidate::weigh(s, &[], looks)).filter(Candidate::is_proven);
+    let line = proven.filter(is_nobodys).max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
+    Some(format!(
+        "{}; it is heard best where events of the shaft that passing elements modulate would explain it: neither \
+         accused nor acquitted",
+        sentence(&line, seen.context)
+    ))
 }
 
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
@@ -133,7 +152,7 @@ fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     };
     let searches = seen.features.bearing_lines.iter().filter(near);
     let lines: Vec<Candidate<'_>> =
-        searches.map(|s| Candidate::weigh_all(s, seen.accepted, 1.0)).collect();
+        searches.map(|s| Candidate::weigh(s, seen.accepted, 1.0)).collect();
     candidate::is_smooth(&lines)
 }
 
