@@ -20,6 +20,8 @@ pub struct Record {
     pub label: String,
     /// What the label says.
     pub known: Known,
+    /// Whether the fault's lines stand over the noise, where that is known.
+    pub is_visible: Option<bool>,
     /// The score, or why there is none.
     pub score: Result<Score, String>,
     /// Processor time of the diagnosis, reading included and baselines not, s.
@@ -91,6 +93,8 @@ pub struct Rates {
     pub right: Rate,
     /// Right, of those with a known fault.
     pub right_of_faulty: Rate,
+    /// Right, of those of which it is known that their fault's lines stand over the noise.
+    pub right_of_visible: Rate,
     /// Right or detected, of those with a known fault.
     pub found_of_faulty: Rate,
     /// Another cause named, of those with a known fault.
@@ -207,6 +211,7 @@ impl Rates {
         Self {
             right: rate(&|_| true, &is(Outcome::Right)),
             right_of_faulty: rate(&Record::is_fault, &is(Outcome::Right)),
+            right_of_visible: rate(&|r| r.is_visible == Some(true), &is(Outcome::Right)),
             found_of_faulty: rate(&Record::is_fault, &is_found),
             wrong_cause: rate(&Record::is_fault, &is(Outcome::WrongCause)),
             sure_wrong_cause: rate(&Record::is_fault, &is_sure),
@@ -297,6 +302,7 @@ mod tests {
             dataset: "rig".to_owned(),
             label: label.to_owned(),
             known: Known::Faults(faults),
+            is_visible: (label != "healthy").then_some(true),
             score,
             processor_s: Some(0.25),
         }
@@ -327,6 +333,7 @@ mod tests {
         let counts = |rate: &Rate| (rate.count, rate.of);
         assert_eq!(counts(&rates.right), (4, 7));
         assert_eq!(counts(&rates.right_of_faulty), (3, 5));
+        assert_eq!(counts(&rates.right_of_visible), (3, 5));
         assert_eq!(counts(&rates.found_of_faulty), (4, 5));
         assert_eq!(counts(&rates.wrong_cause), (1, 5));
         assert_eq!(counts(&rates.sure_wrong_cause), (1, 5));

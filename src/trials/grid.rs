@@ -54,6 +54,14 @@ const MOTIONS: [(&str, Motion, bool); 5] = [
 /// Strengths of a defect over the noise, dB.
 const DEFECT_DB: [f64; 4] = [-10.0, -5.0, 0.0, 5.0];
 
+/// Clearance, µm (below 0: preload), and mesh load, N·m, of the rig.
+const LOADS: [(f64, f64); 5] = [(2.0, 1.0), (2.0, 2.0), (8.0, 1.0), (8.0, 2.0), (-2.0, 2.0)];
+
+/// Noise below the vibration, dB, at which the rig is tried without its tacho too, and how far the written speed is
+/// off then, to either side.
+const NO_TACHO_NOISE_DB: f64 = 20.0;
+const WRITTEN_SPEED_ERROR: f64 = 0.02;
+
 /// All parts of a plan, in order.
 #[must_use]
 pub fn tasks(plan: &Plan) -> Vec<Task> {
@@ -85,10 +93,10 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
 }
 
 fn rig_tasks(plan: &Plan) -> Vec<Task> {
-    let (speeds, clearances, torques) = if plan.is_thin {
-        (vec![10.0], vec![2.0], vec![2.0])
+    let (speeds, loads) = if plan.is_thin {
+        (vec![10.0], vec![(2.0, 2.0)])
     } else {
-        (vec![5.0, 10.0, 20.0, 40.0, 60.0], vec![2.0, 8.0], vec![1.0, 2.0])
+        (vec![5.0, 10.0, 20.0, 40.0, 60.0], LOADS.to_vec())
     };
     let sizes: Vec<Option<u8>> =
         if plan.is_thin { vec![None, Some(3)] } else { vec![None, Some(1), Some(2), Some(3)] };
@@ -102,20 +110,18 @@ fn rig_tasks(plan: &Plan) -> Vec<Task> {
     }
     let mut tasks = Vec::new();
     for speed in &speeds {
-        for clearance_um in &clearances {
-            for torque_nm in &torques {
-                tasks.push(Task::Rig {
-                    healthy: rig::Setting {
-                        bad: Bad::NOTHING,
-                        speed: Hz(*speed),
-                        clearance_um: *clearance_um,
-                        torque_nm: *torque_nm,
-                        seed: plan.first_seed,
-                    },
-                    noise_db: noise_db.clone(),
-                    bad: bad.clone(),
-                });
-            }
+        for (clearance_um, torque_nm) in &loads {
+            tasks.push(Task::Rig {
+                healthy: rig::Setting {
+                    bad: Bad::NOTHING,
+                    speed: Hz(*speed),
+                    clearance_um: *clearance_um,
+                    torque_nm: *torque_nm,
+                    seed: plan.first_seed,
+                },
+                noise_db: noise_db.clone(),
+                bad: bad.clone(),
+            });
         }
     }
     tasks
@@ -155,6 +161,13 @@ fn each_noise(
         for (baseline, twin) in [("no baseline", None), ("baseline", Some(twin))] {
             let group = format!("rig, {level}, {baseline}");
             sink(rig.trial(&group, *noise, twin).map_err(|e| e.to_string()));
+        }
+        if *noise == Some(NO_TACHO_NOISE_DB) {
+            for (name, error) in [("low", -WRITTEN_SPEED_ERROR), ("high", WRITTEN_SPEED_ERROR)] {
+                let group = format!("rig, {level}, no baseline, no tacho, speed 2 % {name}");
+                let trial = rig.trial(&group, *noise, None).map_err(|e| e.to_string());
+                sink(trial.map(|trial| trial.without_tacho(error)));
+            }
         }
     }
 }

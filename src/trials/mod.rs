@@ -16,6 +16,7 @@ use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evaluation::truth::Known;
 use crate::machine::Machine;
+use crate::machine::sensor::SensorKind;
 use crate::pipeline::Monitor;
 use crate::pipeline::MonitorError;
 use crate::pipeline::Outcome;
@@ -25,6 +26,8 @@ use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
+use crate::units::Hz;
+use crate::units::Unit;
 use std::sync::Arc;
 
 /// Longest window, s: a trial is one window.
@@ -54,6 +57,10 @@ pub struct Trial {
     pub name: String,
     /// The answer.
     pub known: Known,
+    /// True speed of the first shaft, mean.
+    pub speed: Hz,
+    /// Whether the lines of its bearing defect stand over the noise (T5); `None` where that is not told.
+    pub is_visible: Option<bool>,
     /// The record.
     pub measured: Measured,
     /// Healthy records to hold it against.
@@ -61,6 +68,23 @@ pub struct Trial {
 }
 
 impl Trial {
+    /// The trial without the pulses of a tacho: all there is to know the speed by is a written one that is off by the
+    /// part `error` of it.
+    #[must_use]
+    pub fn without_tacho(mut self, error: f64) -> Self {
+        let machine = Arc::clone(&self.measured.machine);
+        let is_tacho = |name: &str| {
+            machine.sensors.iter().any(|s| s.channel == name && s.kind == SensorKind::Tacho)
+        };
+        let keep: Vec<bool> = self.measured.channels.iter().map(|c| !is_tacho(&c.name)).collect();
+        let mut kept = keep.iter();
+        self.measured.channels.retain(|_| kept.next().copied().unwrap_or(true));
+        let mut kept = keep.iter();
+        self.measured.samples.retain(|_| kept.next().copied().unwrap_or(true));
+        self.measured.hints.capture = Some(Hz(self.speed.0 * (1.0 + error)));
+        self
+    }
+
     /// What the monitor says of it; `None` if there is nothing to judge.
     ///
     /// # Errors
@@ -101,5 +125,17 @@ impl Measured {
         }
         monitor.finish(&mut |outcome| outcomes.push(outcome));
         Ok((monitor, outcomes))
+    }
+}
+
+/// A channel of physical values, as a trial's sensors give them.
+fn channel(name: &str, unit: Unit, sample_rate: Hz) -> ChannelInfo {
+    ChannelInfo {
+        name: name.to_owned(),
+        sample_rate,
+        unit,
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
     }
 }

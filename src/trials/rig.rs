@@ -9,6 +9,8 @@ use super::Trial;
 use super::vibration;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::fault::FaultMode;
+use crate::dsp::line;
+use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
 use crate::machine::file;
@@ -62,7 +64,7 @@ impl Bad {
             is_there.then(|| KnownFault { fault, component: Some(component.to_owned()) })
         };
         [
-            fault(self.bearing.is_some(), FaultMode::InnerRace, "right"),
+            fault(self.bearing.is_some(), FaultMode::InnerRace, DAMAGED),
             fault(self.shaft && has_baseline, FaultMode::Bow, "main"),
             fault(self.gear && has_baseline, FaultMode::ToothDamage, "mesh-1"),
         ]
@@ -118,12 +120,12 @@ impl Rig {
             Simulation::new(&scene, setting.seed).map_err(|e| failed(e.to_string()))?;
         let (channels, scales): (Vec<_>, Vec<_>) = simulation
             .channels()
-            .map(|c| (channel(&c.name, c.unit, c.rate_hz), (c.scale, c.offset)))
+            .map(|c| (super::channel(&c.name, unit_of(c.unit), Hz(c.rate_hz)), (c.scale, c.offset)))
             .unzip();
         let mut samples: Vec<Vec<f32>> = vec![Vec::new(); channels.len()];
         let mut keep = |i: usize, new: Samples<'_>| {
             let (scale, offset) = scales[i];
-            let physical = |v: f64| narrow(v * scale + offset);
+            let physical = |v: f64| f32::rounded(v * scale + offset);
             match new {
                 Samples::Int16(new) => {
                     samples[i].extend(new.iter().map(|v| physical(f64::from(*v))));
@@ -156,6 +158,32 @@ impl Rig {
         Self::simulate(&Setting { bad: Bad::NOTHING, seed, ..*setting })
     }
 
+    /// Whether two of the first four harmonics of BPFI stand over noise of these levels in one channel of the damaged
+    /// bearing (T5); `None` without a defect.
+    fn shows_defect(&self, levels: &[f64]) -> Option<bool> {
+        self.setting.bad.bearing?;
+        let machine = &self.measured.machine;
+        let damaged = machine.bearings.iter().find(|b| b.id == DAMAGED)?;
+        let bpfi_hz = damaged.fault_rates(self.setting.speed)?.bpfi.0;
+        let stands = |info: &ChannelInfo, x: &[f32], level: f64| {
+            let rate_hz = info.sample_rate.0;
+            let (length_s, density) = (x.len() as f64 / rate_hz, 2.0 * level * level / rate_hz);
+            let is_high = |k: &u32| {
+                let line = line::line_at(x, rate_hz, f64::from(*k) * bpfi_hz);
+                let amplitude = line.map_or(0.0, |line| line.amplitude);
+                amplitude > 0.0 && amplitude.powi(2) * length_s >= 2.0 * STANDS_OUT * density
+            };
+            (1..=HARMONICS).filter(is_high).count() >= ENOUGH
+        };
+        let of_bearing = |name: &str| name.starts_with(DAMAGED);
+        let channels = self.measured.channels.iter().zip(&self.measured.samples).zip(levels);
+        Some(
+            channels
+                .filter(|((info, _), _)| of_bearing(&info.name))
+                .any(|((info, x), level)| stands(info, x, *level)),
+        )
+    }
+
     /// The trial with noise `noise_db` below the vibration of each sensor (`None`: none), held against the
     /// healthy twin with noise of the same strength, if one is given.
     ///
@@ -186,11 +214,23 @@ impl Rig {
             label: name.clone(),
             name: format!("{group}, {name}{defect}, {:?}, noise {noise_db:?} dB", self.setting),
             known: Known::Faults(self.setting.bad.known(twin.is_some())),
+            speed: self.setting.speed,
+            is_visible: self.shows_defect(&levels),
             measured: noisy(&self.measured, &levels, self.setting.seed),
             baseline,
         })
     }
 }
+
+/// The bearing that is damaged, and how its channels begin.
+const DAMAGED: &str = "right";
+
+/// Harmonics of a defect's line that are looked at, and how many of them must stand out.
+const HARMONICS: u32 = 4;
+const ENOUGH: usize = 2;
+
+/// A²T/(2S) from which a line stands out, S the one-sided power density of the noise beside it: 20 is 13 dB.
+const STANDS_OUT: f64 = 20.0;
 
 fn gain(noise_db: Option<f64>) -> f64 {
     noise_db.map_or(0.0, |db| 10.0_f64.powf(-db / 20.0))
@@ -213,31 +253,18 @@ fn noisy(measured: &Measured, levels: &[f64], seed: u64) -> Measured {
             .any(|s| s.channel == info.name && s.kind == SensorKind::Tacho);
         if !is_tacho && *level > 0.0 {
             for value in samples {
-                *value = narrow(f64::from(*value) + level * vibration::normal(&mut random));
+                *value = f32::rounded(f64::from(*value) + level * vibration::normal(&mut random));
             }
         }
     }
     noisy
 }
 
-fn narrow(value: f64) -> f32 {
-    #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
-    let narrow = value as f32;
-    narrow
-}
-
-fn channel(name: &str, unit: &str, rate_hz: f64) -> ChannelInfo {
-    ChannelInfo {
-        name: name.to_owned(),
-        sample_rate: Hz(rate_hz),
-        unit: match unit {
-            "um" => Unit::Micrometre,
-            "V" => Unit::Volt,
-            _ => Unit::MetrePerSecondSquared,
-        },
-        offset: 0.0,
-        unit_conflict: None,
-        full_scale: None,
+fn unit_of(name: &str) -> Unit {
+    match name {
+        "um" => Unit::Micrometre,
+        "V" => Unit::Volt,
+        _ => Unit::MetrePerSecondSquared,
     }
 }
 

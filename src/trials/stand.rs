@@ -13,6 +13,7 @@ use super::vibration::Path;
 use super::vibration::Strikes;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::fault::FaultMode;
+use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
 use crate::machine::Machine;
@@ -20,7 +21,6 @@ use crate::machine::bearing::Bearing;
 use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use crate::pipeline::SpeedHints;
-use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
 use rand::RngExt;
@@ -155,16 +155,18 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
     let mut random = Pcg64Mcg::seed_from_u64(setting.seed);
     let duration_s = N_SAMPLES as f64 / RATE_HZ;
     let turn = Turn::draw(setting.motion, SPEED_HZ, duration_s, &mut random);
-    let mut samples: Vec<Vec<f32>> =
-        vibrations(&machine, setting, &turn, &mut random).iter().map(|x| narrow(x)).collect();
+    let mut samples: Vec<Vec<f32>> = vibrations(&machine, setting, &turn, &mut random)
+        .iter()
+        .map(|x| x.iter().map(|v| f32::rounded(*v)).collect())
+        .collect();
     let mut channels = vec![
-        channel("DE", Unit::MetrePerSecondSquared),
-        channel("FE", Unit::MetrePerSecondSquared),
+        super::channel("DE", Unit::MetrePerSecondSquared, Hz(RATE_HZ)),
+        super::channel("FE", Unit::MetrePerSecondSquared, Hz(RATE_HZ)),
     ];
     if setting.has_tacho {
         let is_mark = |i: usize| turn.revolutions(i as f64 / RATE_HZ).rem_euclid(1.0) < 0.1;
         samples.push((0..N_SAMPLES).map(|i| if is_mark(i) { 5.0 } else { 0.0 }).collect());
-        channels.push(channel("tacho", Unit::Volt));
+        channels.push(super::channel("tacho", Unit::Volt, Hz(RATE_HZ)));
     }
     let mean_hz = turn.revolutions(duration_s) / duration_s;
     let written = Hz(mean_hz * (1.0 + random.random_range(-0.002..0.002)));
@@ -180,6 +182,8 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         name: format!("{group}, {label}, seed {}", setting.seed),
         label,
         known: Known::Faults(known.into_iter().collect()),
+        speed: Hz(mean_hz),
+        is_visible: None,
         measured: Measured {
             machine,
             channels,
@@ -188,22 +192,6 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         },
         baseline: Baseline::default(),
     })
-}
-
-fn channel(name: &str, unit: Unit) -> ChannelInfo {
-    ChannelInfo {
-        name: name.to_owned(),
-        sample_rate: Hz(RATE_HZ),
-        unit,
-        offset: 0.0,
-        unit_conflict: None,
-        full_scale: None,
-    }
-}
-
-fn narrow(x: &[f64]) -> Vec<f32> {
-    #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
-    x.iter().map(|v| *v as f32).collect()
 }
 
 /// Vibration at the drive end and at the fan end, in units of the noise's RMS.

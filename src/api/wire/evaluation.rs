@@ -96,6 +96,8 @@ pub struct RatesWire {
     pub right: RateWire,
     /// Right, of records with a known fault.
     pub right_of_faulty: RateWire,
+    /// Right, of records of which it is known that the fault's lines stand over the noise.
+    pub right_of_visible: RateWire,
     /// Right or detected, of records with a known fault.
     pub found_of_faulty: RateWire,
     /// Wrong cause, of records with a known fault.
@@ -190,6 +192,8 @@ pub struct RecordWire {
     pub first_alarm: Option<f64>,
     /// Why there is no verdict.
     pub error: Option<String>,
+    /// Whether the fault's lines stand over the noise; null where that is not known.
+    pub visible: Option<bool>,
     /// Processor time, s.
     pub processor_s: Option<f64>,
 }
@@ -218,6 +222,7 @@ impl EvaluationDocument {
             rates: RatesWire {
                 right: RateWire::new(&rates.right),
                 right_of_faulty: RateWire::new(&rates.right_of_faulty),
+                right_of_visible: RateWire::new(&rates.right_of_visible),
                 found_of_faulty: RateWire::new(&rates.found_of_faulty),
                 wrong_cause: RateWire::new(&rates.wrong_cause),
                 sure_wrong_cause: RateWire::new(&rates.sure_wrong_cause),
@@ -329,6 +334,7 @@ impl RecordWire {
             open: score.map(open).unwrap_or_default(),
             first_alarm: score.and_then(|s| s.first_alarm).and_then(finite),
             error: record.score.as_ref().err().cloned(),
+            visible: record.is_visible,
             processor_s: record.processor_s.and_then(finite),
         }
     }
@@ -357,6 +363,7 @@ mod tests {
             label: label.to_owned(),
             score: score::score(&known, &[], &sample_diagnosis()).map_err(|e| e.to_string()),
             known,
+            is_visible: None,
             processor_s: Some(0.25),
         };
         let cage = vec![fault(FaultMode::Cage), fault(FaultMode::InnerRace)];

@@ -74,6 +74,7 @@ fn failed(why: String) -> Record {
         dataset: "not made".to_owned(),
         label: String::new(),
         known: Known::Faults(Vec::new()),
+        is_visible: None,
         score: Err(why),
         processor_s: None,
     }
@@ -93,6 +94,7 @@ fn of_trial(trial: &Trial) -> Record {
         dataset: trial.group.clone(),
         label: trial.label.clone(),
         known: trial.known.clone(),
+        is_visible: trial.is_visible,
         score,
         processor_s: Some(processor_s),
     }

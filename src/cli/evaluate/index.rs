@@ -101,6 +101,7 @@ fn rates(summary: &Summary<'_>) -> String {
     let lines = [
         ("right, of all", &rates.right),
         ("right, of those with a fault", &rates.right_of_faulty),
+        ("right, of those whose lines stand over the noise", &rates.right_of_visible),
         ("right or detected, of those with a fault", &rates.found_of_faulty),
         ("wrong cause, of those with a fault", &rates.wrong_cause),
         ("wrong cause at confidence 0.9 or more", &rates.sure_wrong_cause),
@@ -115,7 +116,10 @@ fn rates(summary: &Summary<'_>) -> String {
             format!("{low:.3}…{high:.3}"),
         ]
     };
-    table(&["share", "count", "value", "exact 95 %"], lines.into_iter().map(row))
+    table(
+        &["share", "count", "value", "exact 95 %"],
+        lines.into_iter().filter(|(_, rate)| rate.of > 0).map(row),
+    )
 }
 
 /// The reliability diagram: mean confidence against the share that was right.

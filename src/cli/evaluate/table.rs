@@ -114,6 +114,7 @@ impl Task {
             label: row.label.clone(),
             known: row.known.clone(),
             score,
+            is_visible: None,
             processor_s: diagnosis.as_ref().and(processor_s),
         };
         Case { row, file, machine: Arc::clone(machine), diagnosis, record }

@@ -93,10 +93,11 @@ fn confusion(out: &mut String, summary: &Summary<'_>) {
 fn rates(out: &mut String, summary: &Summary<'_>) {
     let rates = &summary.rates;
     let sure = format!("wrong cause at confidence {SURE} or more");
-    let lines: [(&str, &Rate); 6] = [
+    let lines: [(&str, &Rate); 7] = [
         ("right, of all", &rates.right),
         ("right, of those with a fault", &rates.right_of_faulty),
-        ("right or detected, of those", &rates.found_of_faulty),
+        ("right, of those whose lines stand out", &rates.right_of_visible),
+        ("right or detected, of those with a fault", &rates.found_of_faulty),
         ("wrong cause, of those", &rates.wrong_cause),
         (&sure, &rates.sure_wrong_cause),
         ("false alarm, of the healthy", &rates.false_alarm),
@@ -107,7 +108,7 @@ fn rates(out: &mut String, summary: &Summary<'_>) {
     let heading = heading.map(|(name, width)| Column { name, width });
     out.push('\n');
     out.push_str(&table::heading(&heading));
-    for (name, rate) in lines {
+    for (name, rate) in lines.into_iter().filter(|(_, rate)| rate.of > 0) {
         out.push_str(&table::text_row(
             &heading,
             &[
