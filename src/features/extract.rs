@@ -8,6 +8,7 @@ use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
 use super::gear;
+use super::limit;
 use super::lines::LineReader;
 use super::overall;
 use super::sensor;
@@ -91,6 +92,12 @@ impl Extractor {
                     first,
                     &mut self.cache,
                 ));
+                let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
+                trace.features.extend(limit::orders(&machine, sensor, run, first, info.unit));
+                let run = (trace.all.samples, info.sample_rate);
+                let (start_s, phase) = (trace.start_s(), speed.phase.as_ref());
+                let found = limit::vector(&machine, sensor, run, start_s, phase, info.unit);
+                trace.features.extend(found);
             }
             let mut reader = LineReader::new(&machine, first);
             for trace in &traces {
@@ -191,6 +198,8 @@ impl Extractor {
             let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.cache);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.cache));
+            let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
+            trace.features.extend(limit::bands(&self.machine, reading.sensor, spectrum, info.unit));
             traces.push(trace);
         }
         traces

@@ -17,6 +17,7 @@ pub mod reach;
 pub mod lines;
 pub mod absolute;
 pub mod gear;
+pub mod limit;
 pub mod extract;
 
 use crate::signal::ChannelIndex;
