@@ -43,7 +43,7 @@ pub const FILE: &str = "state.db";
 /// Name of the lock beside it.
 const LOCK: &str = "state.lock";
 
-/// Transitions kept; older ones give way. About 0.4 GB.
+/// Transitions kept; older ones give way. About 0.25 GB.
 const MAX_TRANSITIONS: i64 = 1_000_000;
 
 /// Transitions between two looks at their number.

@@ -200,13 +200,69 @@ fn kill_and_restart(n_rounds: u64, seed: u64) {
 
 #[test]
 fn a_kill_loses_and_doubles_nothing_that_was_answered() {
-    kill_and_restart(2, 1);
+    kill_and_restart(5, 1);
 }
 
 #[test]
-#[ignore = "half a minute; .ci/run runs it"]
-fn twenty_kills_lose_and_double_nothing_that_was_answered() {
-    kill_and_restart(20, 2);
+#[ignore = "15 s; .ci/run runs it"]
+fn two_hundred_kills_lose_and_double_nothing_that_was_answered() {
+    kill_and_restart(200, 2);
+}
+
+/// A capture whose level rises and falls every 20 s, ten minutes of it, played in some seconds; no delays.
+fn toggling() -> TempDir {
+    let config = "[server]\nbind = \"127.0.0.1:0\"\n[alarms]\noff_delay_s = 0\n[[machine]]\n\
+                  file = \"rig.toml\"\n[[source]]\nkind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\n\
+                  speed = 300\n";
+    let limit = |id, above| {
+        format!(
+            "[[limits.alarm]]\nid = \"{id}\"\nkind = \"feature\"\nfeature = \"rms\"\n\
+             warning_above = {above}\n"
+        )
+    };
+    let machine = format!("{}{}{}", support::MACHINE, limit("low", 0.5), limit("high", 1.0));
+    let dir = support::folder(config, &[("rig.toml", machine.as_bytes())]);
+    let sample = |i: u32| {
+        let level = [0.1, 1.0, 0.1, 3.0][usize::try_from(i / 20_000 % 4).unwrap()];
+        level * (f64::from(i) * 0.37).sin()
+    };
+    let samples: Vec<f64> = (0..600_000).map(sample).collect();
+    support::write_samples(&dir, "x.h5", 1000.0, &samples);
+    dir
+}
+
+/// What happened, without what a restart may change.
+fn story(daemon: &Daemon) -> Vec<String> {
+    let events = history(daemon);
+    let of_event = |event: &Value| {
+        let alarm = &event["alarm"];
+        let parts = [&event["sequence"], &event["event"], &event["time"], &alarm["id"]];
+        let more = [&alarm["limit"], &alarm["level"], &alarm["state"], &alarm["occurrences"]];
+        parts.iter().chain(&more).map(|part| part.to_string()).collect::<Vec<_>>().join(" ")
+    };
+    events.iter().map(of_event).collect()
+}
+
+#[test]
+#[ignore = "10 s; .ci/run runs it"]
+fn a_capture_that_is_killed_while_it_plays_tells_the_same_story() {
+    let daemon = Daemon::start_in(toggling());
+    daemon.wait_finished("rig-1");
+    let expected = story(&daemon);
+    assert!(expected.len() >= 30, "{expected:#?}");
+    drop(daemon);
+    let mut dir = toggling();
+    // After some transitions, again after more, and once when nothing new has come yet.
+    for n_events in [3, 11, 11, 24] {
+        let mut daemon = Daemon::start_in(dir);
+        support::wait_until("transitions", || (story(&daemon).len() >= n_events).then_some(()));
+        daemon.signal("KILL");
+        assert!(daemon.child.wait().unwrap().code().is_none(), "killed");
+        dir = std::mem::replace(&mut daemon.dir, TempDir::new().unwrap());
+    }
+    let daemon = Daemon::start_in(dir);
+    daemon.wait_finished("rig-1");
+    assert_eq!(story(&daemon), expected);
 }
 
 #[test]

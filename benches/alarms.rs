@@ -1,14 +1,19 @@
-//! What 10,000 limits add to a verdict: `cargo bench --bench alarm_limits`.
+//! What 10,000 limits add to a verdict, and what storing alarms costs: `cargo bench --bench alarms`.
 //!
 //! Thread CPU time of `AlarmEngine::observe_window` on a window of 100 channels with 30 features each,
 //! median and worst of 200 windows: no limit exceeded, all exceeded and standing, and the one window in
-//! which all are raised at once. Results and goal: `docs/performance.md`.
+//! which all are raised at once. Then the store: CPU time of commits, and of opening a store that
+//! holds as many transitions as it keeps. Results and goal: `docs/performance.md`.
 
 #![expect(clippy::print_stdout, reason = "a bench reports to the terminal")]
 #![expect(clippy::unwrap_used, reason = "a bench may stop")]
 
 use cpu_time::ThreadTime;
+use rotorwatch::alarms::Alarm;
 use rotorwatch::alarms::AlarmEngine;
+use rotorwatch::alarms::AlarmEvent;
+use rotorwatch::alarms::EventKind;
+use rotorwatch::alarms::Moment;
 use rotorwatch::alarms::Settings;
 use rotorwatch::alarms::limit::Measured;
 use rotorwatch::diagnosis::baseline::Baseline;
@@ -27,6 +32,11 @@ use rotorwatch::machine::alarm_limit::Thresholds;
 use rotorwatch::machine::file;
 use rotorwatch::signal::ChannelIndex;
 use rotorwatch::signal::ChannelInfo;
+use rotorwatch::store::Archive;
+use rotorwatch::store::Batch;
+use rotorwatch::store::StateStore;
+use rotorwatch::store::StreamKey;
+use rotorwatch::store::sqlite;
 use rotorwatch::units::Hz;
 use rotorwatch::units::Unit;
 
@@ -34,6 +44,7 @@ const N_CHANNELS: usize = 100;
 const N_LIMITS: usize = 10_000;
 const N_FEATURES: usize = 30;
 const N_WINDOWS: usize = 200;
+const N_STORED: usize = 1_000_000;
 
 fn machine() -> Machine {
     let sensor = |n: usize| {
@@ -143,6 +154,54 @@ fn report(what: &str, mut costs_s: Vec<f64>, n_events: usize) {
     println!("{what:<28} {:>9.3} {:>9.3} {n_events:>8}", 1e3 * median, 1e3 * worst);
 }
 
+/// A transition of the first alarm.
+fn event(sequence: u64, alarm: &Alarm) -> AlarmEvent {
+    let kind = EventKind::Raised;
+    AlarmEvent { sequence, kind, time_s: sequence as f64, by: None, alarm: alarm.clone() }
+}
+
+fn batch(events: Vec<AlarmEvent>) -> Batch {
+    Batch {
+        machine: "m".to_owned(),
+        stream: StreamKey::default(),
+        now: Moment::of_stream(0.0),
+        judged_until_s: None,
+        events,
+        standing: None,
+    }
+}
+
+fn store(alarm: &Alarm) {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut store, archive) = sqlite::open(folder.path()).unwrap();
+    let mut next = 0;
+    let mut events = |n: u64| {
+        next += n;
+        (next - n + 1..=next).map(|sequence| event(sequence, alarm)).collect::<Vec<_>>()
+    };
+    println!("\n{:<28} {:>9} {:>9} {:>8}", "store, CPU ms", "median", "worst", "events");
+    let mut commit = |n: u64| {
+        let batch = batch(events(n));
+        let started = ThreadTime::now();
+        store.keep(&[batch]).unwrap();
+        started.elapsed().as_secs_f64()
+    };
+    let costs = (0..N_WINDOWS).map(|_| commit(1)).collect();
+    report("commit of one event", costs, 1);
+    let costs = (0..N_STORED / 5000).map(|_| commit(5000)).collect();
+    report("commit of 5000 events", costs, 5000);
+    drop((store, archive));
+    let started = ThreadTime::now();
+    let (store, archive) = sqlite::open(folder.path()).unwrap();
+    report("opening it again", vec![started.elapsed().as_secs_f64()], 1_000_000);
+    let started = ThreadTime::now();
+    let kept = archive.load("m", &StreamKey::default(), Moment::of_stream(0.0), 1000).unwrap();
+    report("loading a machine", vec![started.elapsed().as_secs_f64()], kept.history.len());
+    let bytes = std::fs::metadata(folder.path().join(sqlite::FILE)).unwrap().len();
+    println!("{bytes} bytes");
+    drop(store);
+}
+
 fn main() {
     println!(
         "{N_LIMITS} limits on {N_CHANNELS} channels of {N_FEATURES} features, CPU ms a window"
@@ -156,4 +215,5 @@ fn main() {
     report("all raised at once", costs, n);
     let (costs, n) = run(&mut engine, 2.0, 2 + N_WINDOWS, N_WINDOWS);
     report("all exceeded and standing", costs, n);
+    store(&engine.standing()[0]);
 }
