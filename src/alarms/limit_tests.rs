@@ -399,6 +399,25 @@ fn a_limits_alarm_goes_on_after_a_restart() {
     assert_eq!(gone.restore(kept, Moment::of_stream(0.0)).len(), 1);
 }
 
+#[test]
+fn a_source_that_cannot_be_opened_clears_nothing_and_what_is_gone_from_the_file_does() {
+    let mut before = engine(VELOCITY);
+    let absent = Seen { absent: vec![ChannelIndex(1)], ..velocity(&[3.0]) };
+    absent.to(&mut before, 10.0);
+    absent.to(&mut before, 20.0);
+    before.observe(&verdict(State::Warning, OperatingState::Running), 30.0);
+    let kept = Kept { alarms: before.standing(), last_id: 3, last_sequence: 3, ..Kept::default() };
+    assert_eq!(kept.alarms.len(), 3, "of a limit, of a channel, of the bearing `right`");
+    let without_stream = |machine: &Machine| {
+        let mut engine = AlarmEngine::of_machine(machine, &[], Settings::default());
+        let events = engine.restore(kept.clone(), Moment::of_stream(0.0));
+        (events.len(), engine.standing().iter().filter(|alarm| alarm.state.is_active()).count())
+    };
+    assert_eq!(without_stream(&machine(VELOCITY)), (0, 3));
+    let other = "[machine]\nid = 'rig'\n[[shaft]]\nid = 'main'\nspeed_hz = 10\n";
+    assert_eq!(without_stream(&file::parse(other, "rig.toml").unwrap()), (3, 0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 

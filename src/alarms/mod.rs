@@ -86,7 +86,7 @@ pub struct AlarmEngine {
     stream: Slot,
     /// The store does not take what it is given.
     store: Slot,
-    /// Alarms whose limit or sensor is no longer in the machine file.
+    /// Alarms of what is no longer in the machine file.
     orphans: Vec<Slot>,
     /// Stream time of the newest verdict.
     last_verdict_s: Option<f64>,
@@ -126,7 +126,7 @@ impl AlarmEngine {
 
     /// Goes on with what was kept before a restart. Levels stand as they stood, delays begin anew: an
     /// alarm returns at most one off-delay later than it would have, and none is raised early. Gives the
-    /// transitions that the restart itself causes: those of alarms whose limit is gone.
+    /// transitions that the restart itself causes: those of alarms of what is gone from the machine file.
     pub fn restore(&mut self, kept: Kept, now: Moment) -> Vec<AlarmEvent> {
         self.next_id = self.next_id.max(kept.last_id.saturating_add(1));
         self.next_sequence = self.next_sequence.max(kept.last_sequence.saturating_add(1));
@@ -137,6 +137,9 @@ impl AlarmEngine {
             let slot = Slot::restored(alarm);
             let Some(alarm) = &slot.alarm else { continue };
             match &alarm.source {
+                AlarmSource::Diagnosis if !self.stated.has(alarm.kind, &alarm.component) => {
+                    self.orphans.push(slot);
+                }
                 AlarmSource::Diagnosis => {
                     self.components.insert((alarm.kind, alarm.component.clone()), slot);
                 }
@@ -150,7 +153,7 @@ impl AlarmEngine {
         self.end_orphans(now.stream_s)
     }
 
-    /// A limit that is no longer stated, or a channel that is no longer watched, holds no condition.
+    /// What is no longer in the machine file, a limit, a sensor or a component, holds no condition.
     fn end_orphans(&mut self, time_s: f64) -> Vec<AlarmEvent> {
         let mut moved = Vec::new();
         for slot in &mut self.orphans {

@@ -17,6 +17,7 @@ use crate::machine::Machine;
 use crate::machine::alarm_limit::Startup;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
+use std::collections::BTreeSet;
 
 /// A limit with its delays.
 #[derive(Debug, Clone)]
@@ -29,7 +30,8 @@ struct Limit {
 /// A channel that should come.
 #[derive(Debug, Clone)]
 struct Channel {
-    index: ChannelIndex,
+    /// Its place in the stream; `None`: it is not in it, which the diagnosis tells.
+    index: Option<ChannelIndex>,
     name: String,
     slot: Slot,
 }
@@ -43,6 +45,8 @@ pub(super) struct Stated {
     startup: Option<Startup>,
     clock: StartupClock,
     channels: Vec<Channel>,
+    /// What the diagnosis may judge; `None`: anything.
+    components: Option<BTreeSet<(ComponentKind, String)>>,
     /// Delays of missing data.
     missing: Settings,
 }
@@ -59,10 +63,10 @@ impl Stated {
             slot: Slot::default(),
         });
         let limits: Vec<Limit> = limits.collect();
-        let sensors = machine.sensors.iter().filter_map(|sensor| {
-            let index = channels.iter().position(|channel| channel.name == sensor.channel)?;
-            let (index, name) = (ChannelIndex(index), sensor.channel.clone());
-            Some(Channel { index, name, slot: Slot::default() })
+        let sensors = machine.sensors.iter().map(|sensor| {
+            let index = channels.iter().position(|channel| channel.name == sensor.channel);
+            let (index, name) = (index.map(ChannelIndex), sensor.channel.clone());
+            Channel { index, name, slot: Slot::default() }
         });
         Self {
             observed: vec![Observation::NotJudged; limits.len()],
@@ -70,12 +74,19 @@ impl Stated {
             startup: machine.alarm_limits.startup,
             clock: StartupClock::default(),
             channels: sensors.collect(),
+            components: Some(components(machine)),
             missing: Settings {
                 on_delay_s: settings.missing_after_s,
                 off_delay_s: 0.0,
                 ..settings.clone()
             },
         }
+    }
+
+    /// Whether the machine has a component.
+    pub(super) fn has(&self, kind: ComponentKind, id: &str) -> bool {
+        let components = self.components.as_ref();
+        components.is_none_or(|known| known.contains(&(kind, id.to_owned())))
     }
 
     /// Puts an alarm of before a restart in its place; gives it back if there is none any more.
@@ -145,6 +156,7 @@ impl Stated {
     ) {
         let missing_after_s = self.missing.on_delay_s;
         for Channel { index, name, slot } in &mut self.channels {
+            let Some(index) = index else { continue };
             let observation = if absent.contains(index) {
                 Observation::Accused(Level::Warning)
             } else {
@@ -166,6 +178,17 @@ impl Stated {
             moved.extend(transition(&mut slot.alarm, level, time_s, next_id, &finding));
         }
     }
+}
+
+/// Every component of a machine, as verdicts name them.
+fn components(machine: &Machine) -> BTreeSet<(ComponentKind, String)> {
+    let bearings = machine.bearings.iter().map(|part| (ComponentKind::Bearing, &part.id));
+    let shafts = machine.shafts.iter().map(|part| (ComponentKind::Shaft, &part.id));
+    let gears = machine.gears.iter().map(|part| (ComponentKind::Gear, &part.id));
+    let sensors = machine.sensors.iter().map(|part| (ComponentKind::Sensor, &part.channel));
+    let whole = std::iter::once((ComponentKind::Machine, &machine.id));
+    let all = bearings.chain(shafts).chain(gears).chain(sensors).chain(whole);
+    all.map(|(kind, id)| (kind, id.clone())).collect()
 }
 
 fn of_limit(judge: &LimitJudge, measured: &Measured<'_>) -> Finding {

@@ -346,7 +346,7 @@ fn monitor(
     (keeper, tells_store): (&Keeper, bool),
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
-    let mut idle = AlarmEngine::new(&machine.id, config.monitor.alarms.clone());
+    let mut idle = AlarmEngine::of_machine(machine, &[], config.monitor.alarms.clone());
     let keeper_of =
         |key: &StreamKey| MachineKeeper::new(keeper.clone(), &machine.id, key.clone(), tells_store);
     let (archive, clock) = (&*keeper.archive, keeper.clock);
