@@ -76,6 +76,11 @@ impl Extractor {
         let machine = Arc::clone(&self.machine);
         let sensors = self.read_sensors(window);
         let mut traces = self.vibration_traces(window, &sensors);
+        for trace in &mut traces {
+            let unit = self.channels[trace.channel.0].unit;
+            let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
+            trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
+        }
         let mut speed = self.speed(window, &sensors, &traces);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
         speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.cache);
@@ -198,8 +203,6 @@ impl Extractor {
             let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.cache);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.cache));
-            let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
-            trace.features.extend(limit::bands(&self.machine, reading.sensor, spectrum, info.unit));
             traces.push(trace);
         }
         traces

@@ -68,7 +68,7 @@ pub fn bands(
     found
 }
 
-/// RMS of a signal between two frequencies, both included (F15): Hann-weighted, so that a line is
+/// RMS of a signal between two frequencies, both included (F16): Hann-weighted, so that a line is
 /// counted whole if its lobe lies inside. `None` where the spectrum holds no bin of the band.
 #[must_use]
 pub fn band_rms(
@@ -137,7 +137,7 @@ pub fn vector(
     vec![feature(VECTOR_COS, cos), feature(VECTOR_SIN, sin)]
 }
 
-/// A·cos φ and A·sin φ of the part A·cos(θ − φ) that turns with the shaft (F16), θ = 2π·`turns`(i);
+/// A·cos φ and A·sin φ of the part A·cos(θ − φ) that turns with the shaft (F17), θ = 2π·`turns`(i);
 /// Hann-weighted over the samples whose angle is known. `None` below three revolutions.
 fn once_a_revolution(samples: &[f32], turns: impl Fn(usize) -> Option<f64>) -> Option<(f64, f64)> {
     let known: Vec<(f64, f64)> =
@@ -171,6 +171,13 @@ mod tests {
     use crate::dsp::fft::FftCache;
     use crate::dsp::fft::ForwardPlan;
     use crate::dsp::real::Real;
+    use crate::features::ChannelWindow;
+    use crate::features::Extractor;
+    use crate::features::Window;
+    use crate::features::speed::SpeedHints;
+    use crate::machine::file;
+    use crate::signal::ChannelIndex;
+    use crate::signal::ChannelInfo;
 
     const RATE: Hz = Hz(2000.0);
 
@@ -250,5 +257,62 @@ mod tests {
         assert_eq!(order_name(2.0, "main"), shaft::line_name(2, "main"));
         assert_eq!(order_name(0.5, "main"), "line_0.5x_main");
         assert_eq!(band_name(Hz(10.0), Hz(62.5)), "rms_10_62.5_hz");
+    }
+
+    #[test]
+    fn a_window_yields_what_limits_ask_for_and_nothing_else() {
+        let limit =
+            |rest: &str| format!("[[limits.alarm]]\nunit = 'm/s^2'\nwarning_above = 1\n{rest}\n");
+        let stated = [
+            "id = 'a'\nkind = 'band'\nband_hz = [150, 250]",
+            "id = 'b'\nkind = 'order'\norder = 0.5",
+            "id = 'c'\nkind = 'vector_change'\nreference = 1\nreference_phase_deg = 0",
+        ];
+        let head = "[machine]\nid = 'm'\n[[shaft]]\nid = 'main'\nspeed_hz = 10\n\
+                    [[sensor]]\nchannel = 'x'\nkind = 'accelerometer'\nunit = 'm/s^2'\n\
+                    at = { shaft = 'main' }\n\
+                    [[sensor]]\nchannel = 'mark'\nkind = 'tacho'\npulses_per_rev = 1\n\
+                    at = { shaft = 'main' }\n";
+        let features = |limits: String| -> Vec<(String, f64)> {
+            let machine = file::parse(&format!("{head}{limits}"), "m.toml").unwrap();
+            let channel = |name: &str, unit| ChannelInfo {
+                name: name.to_owned(),
+                sample_rate: RATE,
+                unit,
+                offset: 0.0,
+                unit_conflict: None,
+                full_scale: None,
+            };
+            let channels =
+                vec![channel("x", Unit::MetrePerSecondSquared), channel("mark", Unit::Volt)];
+            // 10 Hz, the mark at whole turns: 1× of 3 at 40°, ½× of 0.7, 2 at 200 Hz.
+            let n = 20_000_u32;
+            let line = |i: u32, f: f64, lag: f64| {
+                (TAU * f * f64::from(i) / RATE.0 - lag.to_radians()).cos()
+            };
+            let x = |i| {
+                3.0 * line(i, 10.0, 40.0) + 0.7 * line(i, 5.0, 10.0) + 2.0 * line(i, 200.0, 0.0)
+            };
+            let x: Vec<f32> = (0..n).map(|i| f32::rounded(x(i))).collect();
+            let mark: Vec<f32> = (0..n).map(|i| if i % 200 < 20 { 5.0 } else { 0.0 }).collect();
+            let run = |samples| Some(ChannelWindow { start: 0, time_s: 0.0, samples });
+            let window =
+                Window { time_s: (0.0, 10.0), channels: vec![run(&x[..]), run(&mark[..])] };
+            let mut extractor = Extractor::new(Arc::new(machine), channels, SpeedHints::default());
+            let found = extractor.extract(&window);
+            let of_x = found.channel(ChannelIndex(0)).unwrap();
+            of_x.values.iter().map(|f| (f.name.to_string(), f.value)).collect()
+        };
+        let without = features(String::new());
+        let found = features(stated.iter().map(|rest| limit(rest)).collect());
+        let new: Vec<_> = found.iter().filter(|f| !without.iter().any(|w| w.0 == f.0)).collect();
+        assert_eq!(new.len(), 4, "{new:?}");
+        let value = |name: &str| found.iter().find(|f| f.0 == name).unwrap().1;
+        assert!((value("rms_150_250_hz") - 2.0_f64.sqrt()).abs() < 1e-4);
+        assert!((value("line_0.5x_main") - 0.7).abs() < 1e-3);
+        // The edge of a pulse is known to a sample: 1/200 of a turn, 1.8°.
+        let (cos, sin) = (value(VECTOR_COS), value(VECTOR_SIN));
+        assert!((cos.hypot(sin) - 3.0).abs() < 0.01, "{cos} {sin}");
+        assert!((sin.atan2(cos).to_degrees() - 40.0).abs() < 2.0, "{cos} {sin}");
     }
 }
