@@ -22,6 +22,7 @@ pub mod capture;
 pub mod offline;
 pub mod ingest;
 pub mod bench;
+pub mod store;
 pub mod api;
 pub mod dashboard;
 pub mod config;

@@ -281,6 +281,7 @@ fn implied_machine(info: &CaptureInfo) -> Machine {
         gears: Vec::new(),
         sensors: info.channels.iter().map(|c| sensor(&c.info)).collect(),
         limits: Limits::default(),
+        alarm_limits: crate::machine::alarm_limit::AlarmLimits::default(),
         capture_map: std::collections::BTreeMap::new(),
         notes: Vec::new(),
     }

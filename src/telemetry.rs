@@ -71,6 +71,13 @@ struct MachineLabels {
     machine: String,
 }
 
+/// Labels of what is counted of a machine's alarms.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct AlarmLabels {
+    machine: String,
+    what: String,
+}
+
 /// Labels of what is measured on a shard.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct ShardLabels {
@@ -120,6 +127,40 @@ pub struct RecordingMetrics {
     pub bytes: Gauge,
 }
 
+/// Gauges of what the alarms of a machine ask of an operator.
+#[derive(Debug, Clone, Default)]
+pub struct AlarmLoadMetrics {
+    /// Alarms that are not over.
+    pub standing: Gauge,
+    /// Of these, conditions that are present and nobody has acknowledged.
+    pub unacknowledged: Gauge,
+    /// Of these, those that are silent.
+    pub silenced: Gauge,
+    /// Alarms annunciated within the last hour.
+    pub last_hour: Gauge,
+    /// Alarms annunciated within the last ten minutes.
+    pub last_ten_minutes: Gauge,
+    /// 1 during a flood.
+    pub flood: Gauge,
+    /// Alarms that chatter.
+    pub chattering: Gauge,
+    /// Alarms that are stale.
+    pub stale: Gauge,
+}
+
+/// How the store of alarms is doing.
+#[derive(Debug, Clone, Default)]
+pub struct StoreMetrics {
+    /// Events stored.
+    pub stored: Counter,
+    /// Events that will never be.
+    pub lost: Counter,
+    /// Events that wait for the store to recover.
+    pub waiting: Gauge,
+    /// 1 while it refuses.
+    pub failing: Gauge,
+}
+
 /// Gauges of a simulated source.
 #[derive(Debug, Clone, Default)]
 pub struct SimulationMetrics {
@@ -152,6 +193,9 @@ pub struct Metrics {
     simulated: Family<MachineLabels, Gauge<f64, AtomicU64>>,
     simulation_lag: Family<MachineLabels, Gauge<f64, AtomicU64>>,
     simulation_given_up: Family<MachineLabels, Gauge<f64, AtomicU64>>,
+    alarms: Family<AlarmLabels, Gauge>,
+    alarm_load: Family<AlarmLabels, Gauge>,
+    store: StoreMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -193,6 +237,9 @@ impl Metrics {
             simulated: Family::default(),
             simulation_lag: Family::default(),
             simulation_given_up: Family::default(),
+            alarms: Family::default(),
+            alarm_load: Family::default(),
+            store: StoreMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -222,6 +269,7 @@ impl Metrics {
         registry.register("queue_bytes", "Blocks waiting for a shard", m.queue_bytes.clone());
         metrics.register_recording(&mut registry);
         metrics.register_simulation(&mut registry);
+        metrics.register_alarms(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -249,6 +297,28 @@ impl Metrics {
             "Bytes of the recordings in the store",
             self.recording_bytes.clone(),
         );
+    }
+
+    fn register_alarms(&self, registry: &mut Registry) {
+        let store = &self.store;
+        registry.register("alarms", "Alarms that are not over", self.alarms.clone());
+        registry.register(
+            "alarm_load",
+            "What the alarms ask of an operator, in counts",
+            self.alarm_load.clone(),
+        );
+        registry.register("store_events", "Alarm events stored", store.stored.clone());
+        registry.register(
+            "store_events_lost",
+            "Alarm events that could not be stored",
+            store.lost.clone(),
+        );
+        registry.register(
+            "store_events_waiting",
+            "Alarm events that wait for the store to recover",
+            store.waiting.clone(),
+        );
+        registry.register("store_failing", "Whether the store refuses", store.failing.clone());
     }
 
     fn register_simulation(&self, registry: &mut Registry) {
@@ -288,6 +358,31 @@ impl Metrics {
             files: self.recordings.get_or_create_owned(&labels),
             bytes: self.recording_bytes.get_or_create_owned(&labels),
         }
+    }
+
+    /// Gauges of the alarms of a machine.
+    #[must_use]
+    pub fn alarm_load(&self, machine: &str) -> AlarmLoadMetrics {
+        let labels =
+            |what: &str| AlarmLabels { machine: machine.to_owned(), what: what.to_owned() };
+        let alarms = |what| self.alarms.get_or_create_owned(&labels(what));
+        let load = |what| self.alarm_load.get_or_create_owned(&labels(what));
+        AlarmLoadMetrics {
+            standing: alarms("standing"),
+            unacknowledged: alarms("unacknowledged"),
+            silenced: alarms("silenced"),
+            last_hour: load("last_hour"),
+            last_ten_minutes: load("last_ten_minutes"),
+            flood: load("flood"),
+            chattering: load("chattering"),
+            stale: load("stale"),
+        }
+    }
+
+    /// How the store of alarms is doing.
+    #[must_use]
+    pub fn store(&self) -> StoreMetrics {
+        self.store.clone()
     }
 
     /// Counters of a channel.
@@ -366,6 +461,15 @@ mod tests {
         simulation.simulated_s.set(12.5);
         simulation.lag_s.set(0.25);
         simulation.given_up_s.set(1.5);
+        let load = metrics.alarm_load("rig-1");
+        load.standing.set(3);
+        load.last_hour.set(7);
+        load.flood.set(1);
+        let store = metrics.store();
+        store.stored.inc_by(9);
+        store.lost.inc();
+        store.waiting.set(4);
+        store.failing.set(1);
         let text = metrics.encode();
         for line in [
             concat!("rotorwatch_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\"} 1"),
@@ -388,6 +492,14 @@ mod tests {
             "rotorwatch_simulated_seconds{machine=\"rig-1\"} 12.5",
             "rotorwatch_simulation_lag_seconds{machine=\"rig-1\"} 0.25",
             "rotorwatch_simulation_lag_given_up_seconds{machine=\"rig-1\"} 1.5",
+            "rotorwatch_alarms{machine=\"rig-1\",what=\"standing\"} 3",
+            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"last_hour\"} 7",
+            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"flood\"} 1",
+            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"stale\"} 0",
+            "rotorwatch_store_events_total 9",
+            "rotorwatch_store_events_lost_total 1",
+            "rotorwatch_store_events_waiting 4",
+            "rotorwatch_store_failing 1",
             "# EOF",
         ] {
             assert!(text.lines().any(|l| l == line), "{line}\nnot in\n{text}");

@@ -37,6 +37,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
+    ("store", &["signal", "diagnosis", "alarms"]),
     (
         "api",
         &[
@@ -54,6 +55,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "plot",
             "capture",
             "ingest",
+            "store",
         ],
     ),
     ("dashboard", &[]),
@@ -114,6 +116,7 @@ const OUTSIDE: &[&str] = &[
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("::hdf5", &["src/capture/hdf5/"]),
     ("rust_hdf5", &["src/capture/hdf5/"]),
+    ("rusqlite", &["src/store/"]),
     ("Serialize", &["src/api/wire/"]),
     ("Instant::now", &["src/app/", "src/bench/", "src/cli/"]),
     ("SystemTime::now", &["src/app/", "src/bench/", "src/cli/"]),

@@ -1,218 +1,165 @@
-//! Diagnosis → operator: one alarm per component, its life in the words of ISA-18.2.
+//! Diagnosis → operator: alarms and their lives in the words of ISA-18.2.
 //!
-//! [`AlarmEngine::observe`] takes verdicts, [`AlarmEngine::acknowledge`] takes operators' acts, both
-//! with stream time as an argument; everything that happens is an [`AlarmEvent`]. Must not know
-//! where verdicts come from, how alarms are shown, or what time it is.
+//! [`AlarmEngine::observe`] takes verdicts, [`AlarmEngine::act`] what operators do,
+//! [`AlarmEngine::tick`] that time has passed and what the shell alone can see; all with the time as
+//! an argument. Everything that happens is an [`AlarmEvent`]. Must not know where verdicts come from,
+//! how alarms are shown or stored, or what time it is.
 
 pub mod state;
+pub mod action;
+pub mod alarm;
 pub mod policy;
+pub mod limit;
+mod slot;
+mod stated;
+pub mod load;
 
+pub use action::Act;
+pub use action::Action;
+pub use action::ActionError;
+pub use action::MAX_TEXT_CHARS;
+pub use action::Moment;
+pub use alarm::Acknowledgement;
+pub use alarm::Alarm;
+pub use alarm::AlarmEvent;
+pub use alarm::AlarmSource;
+pub use alarm::Deadline;
+pub use alarm::EventKind;
+pub use alarm::Signature;
+pub use alarm::Silencing;
 pub use policy::{Level, Settings};
 
-use crate::diagnosis::fault::{ComponentKind, FaultMode, State};
-use crate::diagnosis::verdict::{ComponentDiagnosis, Diagnosis};
-use policy::{LevelTracker, Observation};
-use state::{AlarmInput, AlarmState};
-use std::collections::{BTreeMap, VecDeque};
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::verdict::Diagnosis;
+use crate::machine::Machine;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use limit::Measured;
+use policy::Observation;
+use slot::CauseDelay;
+use slot::Finding;
+use slot::Slot;
+use state::AlarmInput;
+use state::AlarmState;
+use state::Refusal;
+use state::Silence;
+use stated::Stated;
+use std::collections::BTreeMap;
+use std::collections::VecDeque;
 
-/// Longest author or comment an operator may leave, in characters.
-pub const MAX_TEXT_CHARS: usize = 2000;
-
-/// Who acknowledged, when and why.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Acknowledgement {
-    /// Who.
-    pub author: String,
-    /// Why; may be empty.
-    pub comment: String,
-    /// Stream time, s.
-    pub time_s: f64,
+/// How the stream of a machine is doing, as the shell sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DataFlow<'a> {
+    /// Data come, or it is no fault that they do not: a replay may wait for its next segment.
+    Flowing,
+    /// Nothing has come for so long, s of monotonic time.
+    SilentFor(f64),
+    /// The source gave up, with the reason.
+    Failed(&'a str),
 }
 
-/// One alarm: from the raising of a condition until it is both gone and acknowledged.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Alarm {
-    /// Unique within the machine, never used again.
-    pub id: u64,
-    /// Component's id.
-    pub component: String,
-    /// Component's kind.
-    pub kind: ComponentKind,
-    /// Level now, or the last one when the condition is gone.
-    pub level: Level,
-    /// State.
-    pub state: AlarmState,
-    /// Fault of the accusing verdict it rests on: the newest, except that a named cause outlasts
-    /// accusations that say otherwise for less than the off-delay. `None`: cause not proven.
-    pub fault: Option<FaultMode>,
-    /// Sentence of that verdict.
-    pub why: String,
-    /// Severity of that verdict.
-    pub severity: Option<f64>,
-    /// Confidence of that verdict.
-    pub confidence: Option<f64>,
-    /// Stream time at which it was first raised, s.
-    pub raised_at_s: f64,
-    /// Stream time of its last event, s.
-    pub changed_at_s: f64,
-    /// How often the condition came, ≥ 1.
-    pub occurrences: u32,
-    /// The last acknowledgement; an escalation or return of the condition asks for a new one.
-    pub acknowledgement: Option<Acknowledgement>,
-}
-
-impl Alarm {
-    /// Takes over what an accusing verdict says.
-    fn take_over(&mut self, component: &ComponentDiagnosis) {
-        self.fault = component.fault;
-        self.why.clone_from(&component.why);
-        self.severity = component.severity;
-        self.confidence = component.confidence;
-    }
-}
-
-/// What happened to an alarm.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum EventKind {
-    /// The condition came.
-    Raised,
-    /// Warning became damaged.
-    Escalated,
-    /// Damaged became warning.
-    DeEscalated,
-    /// The condition went before anybody acknowledged it.
-    Returned,
-    /// An operator acknowledged.
-    Acknowledged,
-    /// Gone and acknowledged: the alarm is over.
-    Cleared,
-}
-
-impl EventKind {
-    /// Name in documents.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Raised => "raised",
-            Self::Escalated => "escalated",
-            Self::DeEscalated => "de_escalated",
-            Self::Returned => "returned",
-            Self::Acknowledged => "acknowledged",
-            Self::Cleared => "cleared",
-        }
-    }
-}
-
-/// A transition of an alarm.
-#[derive(Debug, Clone, PartialEq)]
-pub struct AlarmEvent {
-    /// Number of the event within the machine, from 1, without holes.
-    pub sequence: u64,
-    /// What happened.
-    pub kind: EventKind,
-    /// Stream time, s.
-    pub time_s: f64,
-    /// The alarm right after.
-    pub alarm: Alarm,
-}
-
-/// Why an operator's action was refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum ActionError {
-    /// No such alarm is standing.
-    #[error("no alarm {id} is standing: it is unknown or already over")]
-    UnknownAlarm {
-        /// The id asked for.
-        id: u64,
-    },
-    /// Somebody was first.
-    #[error("alarm {id} is already acknowledged by {author}")]
-    AlreadyAcknowledged {
-        /// The alarm.
-        id: u64,
-        /// Who acknowledged it.
-        author: String,
-    },
-    /// An acknowledgement must be signed.
-    #[error("the author of an acknowledgement must not be empty")]
-    NoAuthor,
-    /// Author or comment is too long.
-    #[error("{field} has {found} characters, at most {MAX_TEXT_CHARS} are allowed")]
-    TextTooLong {
-        /// Which text.
-        field: &'static str,
-        /// Its length.
-        found: usize,
-    },
-}
-
-/// One component's level and, while one is standing, its alarm.
-#[derive(Debug, Clone, Default)]
-struct Slot {
-    tracker: LevelTracker,
-    alarm: Option<Alarm>,
-    cause: CauseDelay,
-}
-
-/// Evidence time for which verdicts have said another cause than the one an alarm names.
-#[derive(Debug, Clone, Copy, Default)]
-struct CauseDelay {
-    other_s: f64,
-}
-
-impl CauseDelay {
-    /// Whether an alarm takes over what this verdict says of its cause.
-    ///
-    /// A cause that was named stands for as long as the alarm itself would without evidence
-    /// ([`Settings::off_delay_s`]): the one window in which damage comes or is mended mixes two
-    /// conditions and proves neither. A verdict that names the same cause, or is worse than all
-    /// before it, is taken over at once.
-    fn takes(
-        &mut self,
-        alarm: &Alarm,
-        component: &ComponentDiagnosis,
-        evidence_s: f64,
-        settings: &Settings,
-    ) -> bool {
-        if !component.state.is_accusation() {
-            return false;
-        }
-        self.other_s += evidence_s;
-        let open = alarm.fault.is_none() || !alarm.state.is_active();
-        let same = alarm.fault == component.fault;
-        let worse = component.state == State::Damaged && alarm.level == Level::Warning;
-        let takes = open || same || worse || self.other_s >= settings.off_delay_s;
-        if takes {
-            self.other_s = 0.0;
-        }
-        takes
-    }
+/// What an engine goes on with after a restart.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Kept {
+    /// Alarms that are not over.
+    pub alarms: Vec<Alarm>,
+    /// The newest events, oldest first.
+    pub history: Vec<AlarmEvent>,
+    /// Highest id of an alarm so far.
+    pub last_id: u64,
+    /// Highest number of an event so far.
+    pub last_sequence: u64,
+    /// Stream time up to which the same stream was judged before, s: what it says again up to there
+    /// is no news. `None`: it is another stream.
+    pub judged_until_s: Option<f64>,
 }
 
 /// The alarms of one machine.
 #[derive(Debug, Clone)]
 pub struct AlarmEngine {
     settings: Settings,
-    slots: BTreeMap<(ComponentKind, String), Slot>,
+    machine: String,
+    components: BTreeMap<(ComponentKind, String), Slot>,
+    /// What the machine file states.
+    stated: Stated,
+    /// The stream as a whole does not come.
+    stream: Slot,
+    /// The store does not take what it is given.
+    store: Slot,
+    /// Alarms of what is no longer in the machine file.
+    orphans: Vec<Slot>,
     /// Stream time of the newest verdict.
     last_verdict_s: Option<f64>,
+    judged_until_s: f64,
     next_id: u64,
     next_sequence: u64,
     history: VecDeque<AlarmEvent>,
 }
 
 impl AlarmEngine {
-    /// An engine without alarms.
+    /// An engine without alarms, of the machine with the id `machine`.
     #[must_use]
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(machine: &str, settings: Settings) -> Self {
         Self {
             settings,
-            slots: BTreeMap::new(),
+            machine: machine.to_owned(),
+            components: BTreeMap::new(),
+            stated: Stated::default(),
+            stream: Slot::default(),
+            store: Slot::default(),
+            orphans: Vec::new(),
             last_verdict_s: None,
+            judged_until_s: f64::NEG_INFINITY,
             next_id: 1,
             next_sequence: 1,
             history: VecDeque::new(),
         }
+    }
+
+    /// An engine that also judges the limits of `machine`, and sees when one of the `channels` of its
+    /// stream does not come.
+    #[must_use]
+    pub fn of_machine(machine: &Machine, channels: &[ChannelInfo], settings: Settings) -> Self {
+        let stated = Stated::new(machine, channels, &settings);
+        Self { stated, ..Self::new(&machine.id, settings) }
+    }
+
+    /// Goes on with what was kept before a restart. Levels stand as they stood, delays begin anew: an
+    /// alarm returns at most one off-delay later than it would have, and none is raised early. Gives the
+    /// transitions that the restart itself causes: those of alarms of what is gone from the machine file.
+    pub fn restore(&mut self, kept: Kept, now: Moment) -> Vec<AlarmEvent> {
+        self.next_id = self.next_id.max(kept.last_id.saturating_add(1));
+        self.next_sequence = self.next_sequence.max(kept.last_sequence.saturating_add(1));
+        self.judged_until_s = kept.judged_until_s.unwrap_or(f64::NEG_INFINITY);
+        self.history = kept.history.into();
+        self.bound_history();
+        for alarm in kept.alarms {
+            let slot = Slot::restored(alarm);
+            let Some(alarm) = &slot.alarm else { continue };
+            match &alarm.source {
+                AlarmSource::Diagnosis if !self.stated.has(alarm.kind, &alarm.component) => {
+                    self.orphans.push(slot);
+                }
+                AlarmSource::Diagnosis => {
+                    self.components.insert((alarm.kind, alarm.component.clone()), slot);
+                }
+                AlarmSource::Data if alarm.kind == ComponentKind::Machine => self.stream = slot,
+                AlarmSource::Store => self.store = slot,
+                AlarmSource::Data | AlarmSource::Limit(_) => {
+                    self.orphans.extend(self.stated.restore(slot));
+                }
+            }
+        }
+        self.end_orphans(now.stream_s)
+    }
+
+    /// What is no longer in the machine file, a limit, a sensor or a component, holds no condition.
+    fn end_orphans(&mut self, time_s: f64) -> Vec<AlarmEvent> {
+        let mut moved = Vec::new();
+        for slot in &mut self.orphans {
+            moved.extend(slot::end(&mut slot.alarm, time_s));
+        }
+        self.record_all(moved, time_s)
     }
 
     /// Takes a verdict at stream time `time_s` in and gives the transitions it causes.
@@ -220,11 +167,26 @@ impl AlarmEngine {
     /// A component that is absent from the verdict was not judged and keeps its alarm. Stream time
     /// that goes back adds no evidence time.
     pub fn observe(&mut self, diagnosis: &Diagnosis, time_s: f64) -> Vec<AlarmEvent> {
+        self.observe_window(diagnosis, time_s, None, &[])
+    }
+
+    /// Takes in a verdict and what was measured in its window, as [`Self::observe`] does; limits are judged
+    /// too. `absent`: channels of which the window holds too little.
+    pub fn observe_window(
+        &mut self,
+        diagnosis: &Diagnosis,
+        time_s: f64,
+        measured: Option<&Measured<'_>>,
+        absent: &[ChannelIndex],
+    ) -> Vec<AlarmEvent> {
         let evidence_s = self.evidence_since_last(diagnosis.duration_s, time_s);
-        let mut events = Vec::new();
+        if time_s <= self.judged_until_s {
+            return Vec::new();
+        }
+        let mut moved = Vec::new();
         for component in &diagnosis.components {
             let observation = Observation::of(component.state, diagnosis.operating_state);
-            let slot = self.slots.entry((component.kind, component.id.clone())).or_default();
+            let slot = self.components.entry((component.kind, component.id.clone())).or_default();
             let level = slot.tracker.observe(observation, evidence_s, &self.settings);
             match &mut slot.alarm {
                 Some(alarm) => {
@@ -234,14 +196,16 @@ impl AlarmEngine {
                 }
                 None => slot.cause = CauseDelay::default(),
             }
-            let Some((kind, alarm)) =
-                transition(&mut slot.alarm, component, level, time_s, &mut self.next_id)
-            else {
-                continue;
-            };
-            events.push(self.record(kind, time_s, alarm));
+            let finding = || Finding::of(component);
+            let next_id = &mut self.next_id;
+            moved.extend(slot::transition(&mut slot.alarm, level, time_s, next_id, &finding));
         }
-        events
+        if let Some(measured) = measured {
+            let (stated, next_id) = (&mut self.stated, &mut self.next_id);
+            stated.judge(measured, (time_s, evidence_s), next_id, &mut moved);
+            stated.watch(absent, (time_s, evidence_s), next_id, &mut moved);
+        }
+        self.record_all(moved, time_s)
     }
 
     /// Stream time the newest window adds to what was already judged, s.
@@ -252,59 +216,148 @@ impl AlarmEngine {
         elapsed_s.min(window_s).max(0.0)
     }
 
-    /// Takes an operator's acknowledgement at stream time `time_s` in; gives the alarm after it and
-    /// the transitions: `Acknowledged`, and `Cleared` when the condition is already gone.
+    /// Takes in that time has passed: shelvings end, data that do not come and a store that fails raise
+    /// their alarms. `store_failure`: why what happens cannot be stored, `None` if it can or another
+    /// machine tells it.
+    pub fn tick(
+        &mut self,
+        now: Moment,
+        flow: DataFlow<'_>,
+        store_failure: Option<&str>,
+    ) -> Vec<AlarmEvent> {
+        let mut events = self.end_shelvings(now);
+        let silent = match flow {
+            DataFlow::Flowing => None,
+            DataFlow::SilentFor(for_s) if for_s < self.settings.missing_after_s => None,
+            DataFlow::SilentFor(for_s) => Some(format!("no data have come for {for_s:.0} s")),
+            DataFlow::Failed(why) => Some(format!("no data come, the source failed: {why}")),
+        };
+        let (machine, next_id) = (&self.machine, &mut self.next_id);
+        let of_machine = |source: AlarmSource, why: &str| Finding {
+            component: machine.clone(),
+            kind: ComponentKind::Machine,
+            source,
+            latching: false,
+            fault: None,
+            why: why.to_owned(),
+            severity: None,
+            confidence: None,
+        };
+        let stated = [
+            (&mut self.stream, AlarmSource::Data, silent.as_deref()),
+            (&mut self.store, AlarmSource::Store, store_failure),
+        ];
+        let mut moved = Vec::new();
+        for (slot, source, why) in stated {
+            let level = why.map(|_| Level::Warning);
+            let finding = || of_machine(source.clone(), why.unwrap_or_default());
+            let time_s = now.stream_s;
+            moved.extend(slot::transition(&mut slot.alarm, level, time_s, next_id, &finding));
+        }
+        events.extend(self.record_all(moved, now.stream_s));
+        events
+    }
+
+    fn end_shelvings(&mut self, now: Moment) -> Vec<AlarmEvent> {
+        let mut ended = Vec::new();
+        for slot in self.alarms_mut() {
+            let Some(alarm) = slot else { continue };
+            let until = alarm.silencing.as_ref().and_then(|silencing| silencing.until);
+            if until.is_none_or(|until| now.monotonic_s < until.monotonic_s) {
+                continue;
+            }
+            let Ok(after) =
+                alarm.position().after(AlarmInput::EndOf(Silence::Shelved), alarm.latching)
+            else {
+                continue;
+            };
+            alarm.state = after.life;
+            alarm.silencing = None;
+            alarm.changed_at_s = now.stream_s;
+            ended.push((EventKind::Unshelved, alarm.clone()));
+            if after.is_over() {
+                *slot = None;
+            }
+        }
+        self.record_all(ended, now.stream_s)
+    }
+
+    /// Takes an operator's act in; gives the alarm after it and the transitions: the act, and `Cleared`
+    /// when it ends the alarm's life.
     ///
     /// # Errors
-    /// When no such alarm is standing, it needs no acknowledgement, or a text is missing or too long.
-    pub fn acknowledge(
-        &mut self,
-        id: u64,
-        author: &str,
-        comment: &str,
-        time_s: f64,
-    ) -> Result<(Alarm, Vec<AlarmEvent>), ActionError> {
-        let author = author.trim();
-        check_texts(author, comment)?;
-        let alarm_slot = self
-            .slots
-            .values_mut()
-            .map(|slot| &mut slot.alarm)
-            .find(|alarm| alarm.as_ref().is_some_and(|alarm| alarm.id == id));
-        let Some(alarm_slot) = alarm_slot else { return Err(ActionError::UnknownAlarm { id }) };
-        let Some(alarm) = alarm_slot else { return Err(ActionError::UnknownAlarm { id }) };
-        if !alarm.state.awaits_acknowledgement() {
-            let author = alarm.acknowledgement.as_ref().map(|a| a.author.clone());
-            return Err(ActionError::AlreadyAcknowledged {
-                id,
-                author: author.unwrap_or_default(),
-            });
-        }
-        alarm.state = alarm.state.after(AlarmInput::Acknowledge);
-        alarm.changed_at_s = time_s;
-        alarm.acknowledgement = Some(Acknowledgement {
-            author: author.to_owned(),
-            comment: comment.trim().to_owned(),
-            time_s,
+    /// When no such alarm is standing, the act does not fit its state, or a text or time is not
+    /// allowed. Nothing has changed then.
+    pub fn act(&mut self, act: &Act, now: Moment) -> Result<(Alarm, Vec<AlarmEvent>), ActionError> {
+        act.check(self.settings.max_shelving_s)?;
+        let id = act.alarm;
+        let by = Signature {
+            author: act.author.trim().to_owned(),
+            comment: act.comment.trim().to_owned(),
+        };
+        let is_it = |slot: &&mut Option<Alarm>| slot.as_ref().is_some_and(|alarm| alarm.id == id);
+        let slot = self.alarms_mut().find(is_it).ok_or(ActionError::UnknownAlarm { id })?;
+        let alarm = slot.as_mut().ok_or(ActionError::UnknownAlarm { id })?;
+        let after = alarm
+            .position()
+            .after(act.action.input(), alarm.latching)
+            .map_err(|why| refused(alarm, why))?;
+        let was = alarm.state;
+        alarm.state = after.life;
+        alarm.changed_at_s = now.stream_s;
+        alarm.silencing = after.silence.and_then(|silence| {
+            let kept = alarm.silencing.take();
+            match act.action.input() {
+                AlarmInput::Life(_) => kept,
+                AlarmInput::Silence(_) | AlarmInput::EndOf(_) => {
+                    Some(silencing(silence, act.action, &by, now))
+                }
+            }
         });
-        let alarm = alarm.clone();
-        if alarm.state == AlarmState::Normal {
-            *alarm_slot = None;
+        if act.action == Action::Acknowledge {
+            let Signature { author, comment } = by.clone();
+            alarm.acknowledgement = Some(Acknowledgement { author, comment, time_s: now.stream_s });
         }
-        let mut events = vec![self.record(EventKind::Acknowledged, time_s, alarm.clone())];
-        if alarm.state == AlarmState::Normal {
-            events.push(self.record(EventKind::Cleared, time_s, alarm.clone()));
+        let alarm = alarm.clone();
+        if after.is_over() {
+            *slot = None;
+        }
+        let kind = EventKind::of(act.action);
+        let mut events = vec![self.record(kind, now.stream_s, Some(by), alarm.clone())];
+        if after.life == AlarmState::Normal && was != AlarmState::Normal {
+            events.push(self.record(EventKind::Cleared, now.stream_s, None, alarm.clone()));
         }
         Ok((alarm, events))
     }
 
-    /// All alarms that are not back to normal, newest first.
+    /// All alarms that are not over, newest first.
     #[must_use]
     pub fn standing(&self) -> Vec<Alarm> {
-        let mut alarms: Vec<Alarm> =
-            self.slots.values().filter_map(|slot| slot.alarm.clone()).collect();
+        let slots = self.components.values().chain(self.stated.slots());
+        let slots = slots.chain([&self.stream, &self.store]).chain(&self.orphans);
+        let mut alarms: Vec<Alarm> = slots.filter_map(|slot| slot.alarm.clone()).collect();
         alarms.sort_by_key(|alarm| std::cmp::Reverse(alarm.id));
         alarms
+    }
+
+    fn alarms_mut(&mut self) -> impl Iterator<Item = &mut Option<Alarm>> {
+        let slots = self.components.values_mut().chain(self.stated.slots_mut());
+        let slots = slots.chain([&mut self.stream, &mut self.store]).chain(&mut self.orphans);
+        slots.map(|slot| &mut slot.alarm)
+    }
+
+    /// Stream time up to which this stream is judged, s; `None`: it is not yet.
+    #[must_use]
+    pub fn judged_until_s(&self) -> Option<f64> {
+        let before = Some(self.judged_until_s).filter(|time_s| time_s.is_finite());
+        let newest = self.last_verdict_s.filter(|time_s| time_s.is_finite());
+        [before, newest].into_iter().flatten().reduce(f64::max)
+    }
+
+    /// Policy.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     /// The events held, oldest first; at most [`Settings::history_len`].
@@ -319,97 +372,62 @@ impl AlarmEngine {
         self.next_sequence - 1 - self.history.len() as u64
     }
 
-    fn record(&mut self, kind: EventKind, time_s: f64, alarm: Alarm) -> AlarmEvent {
-        let event = AlarmEvent { sequence: self.next_sequence, kind, time_s, alarm };
+    fn record_all(&mut self, moved: Vec<(EventKind, Alarm)>, time_s: f64) -> Vec<AlarmEvent> {
+        moved.into_iter().map(|(kind, alarm)| self.record(kind, time_s, None, alarm)).collect()
+    }
+
+    fn record(
+        &mut self,
+        kind: EventKind,
+        time_s: f64,
+        by: Option<Signature>,
+        alarm: Alarm,
+    ) -> AlarmEvent {
+        let event = AlarmEvent { sequence: self.next_sequence, kind, time_s, by, alarm };
         self.next_sequence += 1;
         self.history.push_back(event.clone());
+        self.bound_history();
+        event
+    }
+
+    fn bound_history(&mut self) {
         while self.history.len() > self.settings.history_len {
             self.history.pop_front();
         }
-        event
     }
 }
 
-fn check_texts(author: &str, comment: &str) -> Result<(), ActionError> {
-    if author.is_empty() {
-        return Err(ActionError::NoAuthor);
-    }
-    for (field, text) in [("author", author), ("comment", comment)] {
-        let found = text.chars().count();
-        if found > MAX_TEXT_CHARS {
-            return Err(ActionError::TextTooLong { field, found });
-        }
-    }
-    Ok(())
-}
-
-/// Moves a component's alarm to `level` and gives what happened, with the alarm after it.
-fn transition(
-    slot: &mut Option<Alarm>,
-    component: &ComponentDiagnosis,
-    level: Option<Level>,
-    time_s: f64,
-    next_id: &mut u64,
-) -> Option<(EventKind, Alarm)> {
-    let Some(alarm) = slot else {
-        let alarm = raise(component, level?, time_s, *next_id);
-        *next_id += 1;
-        *slot = Some(alarm.clone());
-        return Some((EventKind::Raised, alarm));
+fn silencing(silence: Silence, action: Action, by: &Signature, now: Moment) -> Silencing {
+    let until = match action {
+        Action::Shelve { for_s } => Some(Deadline {
+            monotonic_s: now.monotonic_s + for_s,
+            utc: now.utc.plus_seconds(for_s),
+        }),
+        Action::Acknowledge
+        | Action::Unshelve
+        | Action::Suppress
+        | Action::Unsuppress
+        | Action::TakeOutOfService
+        | Action::ReturnToService
+        | Action::Reset => None,
     };
-    let before = (alarm.state, alarm.level);
-    let (input, kind) = match level {
-        None => (
-            AlarmInput::Cleared,
-            match alarm.state {
-                AlarmState::Acknowledged => EventKind::Cleared,
-                AlarmState::Normal
-                | AlarmState::Unacknowledged
-                | AlarmState::ReturnedUnacknowledged => EventKind::Returned,
-            },
-        ),
-        Some(level) => {
-            let rose = level > alarm.level;
-            alarm.level = level;
-            if !before.0.is_active() {
-                alarm.occurrences = alarm.occurrences.saturating_add(1);
-                (AlarmInput::Active, EventKind::Raised)
-            } else if rose {
-                (AlarmInput::Escalated, EventKind::Escalated)
-            } else {
-                (AlarmInput::Active, EventKind::DeEscalated)
-            }
-        }
-    };
-    alarm.state = alarm.state.after(input);
-    if (alarm.state, alarm.level) == before {
-        return None;
-    }
-    alarm.changed_at_s = time_s;
-    let alarm = alarm.clone();
-    if alarm.state == AlarmState::Normal {
-        *slot = None;
-    }
-    Some((kind, alarm))
+    let Signature { author, comment } = by.clone();
+    Silencing { silence, author, comment, since_s: now.stream_s, until }
 }
 
-fn raise(component: &ComponentDiagnosis, level: Level, time_s: f64, id: u64) -> Alarm {
-    Alarm {
-        id,
-        component: component.id.clone(),
-        kind: component.kind,
-        level,
-        state: AlarmState::Normal.after(AlarmInput::Active),
-        fault: component.fault,
-        why: component.why.clone(),
-        severity: component.severity,
-        confidence: component.confidence,
-        raised_at_s: time_s,
-        changed_at_s: time_s,
-        occurrences: 1,
-        acknowledgement: None,
+fn refused(alarm: &Alarm, why: Refusal) -> ActionError {
+    let id = alarm.id;
+    match (&alarm.acknowledgement, why) {
+        (Some(by), Refusal::NothingToAcknowledge) => {
+            ActionError::AlreadyAcknowledged { id, author: by.author.clone() }
+        }
+        _ => ActionError::NotInState { id, why },
     }
 }
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod life_tests;
+#[cfg(test)]
+mod limit_tests;

@@ -24,11 +24,21 @@ pub struct Settings {
     pub off_delay_s: f64,
     /// Events kept; older ones are dropped and counted.
     pub history_len: usize,
+    /// Time without data after which that is an alarm of its own, s, ≥ 0.
+    pub missing_after_s: f64,
+    /// Longest time an alarm can be shelved for, s, > 0.
+    pub max_shelving_s: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { on_delay_s: 0.0, off_delay_s: 60.0, history_len: 1000 }
+        Self {
+            on_delay_s: 0.0,
+            off_delay_s: 60.0,
+            history_len: 1000,
+            missing_after_s: 10.0,
+            max_shelving_s: super::action::MAX_SHELVING_S,
+        }
     }
 }
 
@@ -114,6 +124,13 @@ pub struct LevelTracker {
 }
 
 impl LevelTracker {
+    /// Stands at a level, as after a restart.
+    #[must_use]
+    pub fn at(level: Option<Level>) -> Self {
+        let switch = |on| DelayedSwitch { on, differs_for_s: None };
+        Self { warning: switch(level.is_some()), damaged: switch(level == Some(Level::Damaged)) }
+    }
+
     /// Takes an observation that adds `evidence_s` of evidence time, gives the level.
     pub fn observe(
         &mut self,

@@ -1,7 +1,9 @@
 //! Life of alarms, from verdicts at stream times.
 
 use super::*;
+use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::{Coverage, DataQuality, OperatingState};
 use proptest::prelude::*;
 
@@ -10,7 +12,7 @@ const U: State = State::Undetermined;
 const W: State = State::Warning;
 const D: State = State::Damaged;
 
-fn component(id: &str, state: State) -> ComponentDiagnosis {
+pub(super) fn component(id: &str, state: State) -> ComponentDiagnosis {
     ComponentDiagnosis {
         id: id.to_owned(),
         kind: ComponentKind::Bearing,
@@ -25,7 +27,7 @@ fn component(id: &str, state: State) -> ComponentDiagnosis {
     }
 }
 
-fn verdict(state: State, operating_state: OperatingState) -> Diagnosis {
+pub(super) fn verdict(state: State, operating_state: OperatingState) -> Diagnosis {
     Diagnosis {
         machine: "rig".to_owned(),
         duration_s: 10.0,
@@ -52,6 +54,28 @@ fn verdict(state: State, operating_state: OperatingState) -> Diagnosis {
     }
 }
 
+/// Acknowledges an alarm at a stream time.
+fn acknowledge(
+    engine: &mut AlarmEngine,
+    alarm: u64,
+    author: &str,
+    comment: &str,
+    time_s: f64,
+) -> Result<(Alarm, Vec<AlarmEvent>), ActionError> {
+    act(engine, alarm, Action::Acknowledge, (author, comment), Moment::of_stream(time_s))
+}
+
+pub(super) fn act(
+    engine: &mut AlarmEngine,
+    alarm: u64,
+    action: Action,
+    (author, comment): (&str, &str),
+    now: Moment,
+) -> Result<(Alarm, Vec<AlarmEvent>), ActionError> {
+    let (author, comment) = (author.to_owned(), comment.to_owned());
+    engine.act(&Act { alarm, action, author, comment }, now)
+}
+
 /// Feeds states, one verdict every `hop_s`, and gives (time, event) pairs.
 fn play(engine: &mut AlarmEngine, hop_s: f64, states: &[State]) -> Vec<(f64, EventKind)> {
     let from = engine.last_verdict_s.unwrap_or(0.0);
@@ -64,12 +88,12 @@ fn play(engine: &mut AlarmEngine, hop_s: f64, states: &[State]) -> Vec<(f64, Eve
 }
 
 fn engine(on_delay_s: f64, off_delay_s: f64) -> AlarmEngine {
-    AlarmEngine::new(Settings { on_delay_s, off_delay_s, ..Settings::default() })
+    AlarmEngine::new("rig", Settings { on_delay_s, off_delay_s, ..Settings::default() })
 }
 
 #[test]
 fn one_window_of_a_short_replay_raises_with_the_defaults() {
-    let mut engine = AlarmEngine::new(Settings::default());
+    let mut engine = AlarmEngine::new("rig", Settings::default());
     let events = engine.observe(&verdict(D, OperatingState::Running), 10.0);
     assert_eq!(events.len(), 1);
     assert_eq!(events[0].kind, EventKind::Raised);
@@ -84,7 +108,7 @@ fn one_window_of_a_short_replay_raises_with_the_defaults() {
 
 #[test]
 fn a_verdict_that_flickers_every_window_raises_one_alarm_only() {
-    let mut engine = AlarmEngine::new(Settings::default());
+    let mut engine = AlarmEngine::new("rig", Settings::default());
     let states: Vec<State> = (0..1000).map(|n| if n % 2 == 0 { W } else { H }).collect();
     assert_eq!(play(&mut engine, 5.0, &states), [(5.0, EventKind::Raised)]);
 }
@@ -96,7 +120,7 @@ fn life_of_an_acknowledged_alarm() {
         play(&mut engine, 10.0, &[H, W, D]),
         [(20.0, EventKind::Raised), (30.0, EventKind::Escalated)]
     );
-    let (alarm, events) = engine.acknowledge(1, " M. Ito ", "ordered", 31.0).unwrap();
+    let (alarm, events) = acknowledge(&mut engine, 1, " M. Ito ", "ordered", 31.0).unwrap();
     assert_eq!(alarm.state, AlarmState::Acknowledged);
     assert_eq!(alarm.acknowledgement.unwrap().author, "M. Ito");
     assert_eq!(events.len(), 1);
@@ -115,10 +139,10 @@ fn life_of_an_acknowledged_alarm() {
 fn escalation_asks_for_a_new_acknowledgement_and_a_step_down_does_not() {
     let mut engine = engine(0.0, 0.0);
     play(&mut engine, 10.0, &[W]);
-    engine.acknowledge(1, "a", "", 11.0).unwrap();
+    acknowledge(&mut engine, 1, "a", "", 11.0).unwrap();
     play(&mut engine, 10.0, &[D]);
     assert_eq!(engine.standing()[0].state, AlarmState::Unacknowledged);
-    engine.acknowledge(1, "a", "", 21.0).unwrap();
+    acknowledge(&mut engine, 1, "a", "", 21.0).unwrap();
     play(&mut engine, 10.0, &[W]);
     assert_eq!(engine.standing()[0].state, AlarmState::Acknowledged);
 }
@@ -133,7 +157,7 @@ fn an_alarm_that_returned_waits_for_its_acknowledgement_or_comes_again() {
     let alarm = &engine.standing()[0];
     assert_eq!((alarm.id, alarm.occurrences, alarm.level), (1, 2, Level::Damaged));
     play(&mut engine, 10.0, &[H]);
-    let (alarm, events) = engine.acknowledge(1, "a", "seen", 51.0).unwrap();
+    let (alarm, events) = acknowledge(&mut engine, 1, "a", "seen", 51.0).unwrap();
     assert_eq!(alarm.state, AlarmState::Normal);
     let kinds: Vec<EventKind> = events.iter().map(|event| event.kind).collect();
     assert_eq!(kinds, [EventKind::Acknowledged, EventKind::Cleared]);
@@ -173,16 +197,16 @@ fn refusals_change_nothing() {
     let mut engine = engine(0.0, 0.0);
     play(&mut engine, 10.0, &[W]);
     let long = "x".repeat(MAX_TEXT_CHARS + 1);
-    assert_eq!(engine.acknowledge(7, "a", "", 0.0), Err(ActionError::UnknownAlarm { id: 7 }));
-    assert_eq!(engine.acknowledge(1, " ", "", 0.0), Err(ActionError::NoAuthor));
+    assert_eq!(acknowledge(&mut engine, 7, "a", "", 0.0), Err(ActionError::UnknownAlarm { id: 7 }));
+    assert_eq!(acknowledge(&mut engine, 1, " ", "", 0.0), Err(ActionError::NoAuthor));
     assert!(matches!(
-        engine.acknowledge(1, "a", &long, 0.0),
+        acknowledge(&mut engine, 1, "a", &long, 0.0),
         Err(ActionError::TextTooLong { field: "comment", found: 2001 })
     ));
     assert_eq!(engine.history().len(), 1);
-    engine.acknowledge(1, "a", "", 11.0).unwrap();
+    acknowledge(&mut engine, 1, "a", "", 11.0).unwrap();
     assert_eq!(
-        engine.acknowledge(1, "b", "", 12.0),
+        acknowledge(&mut engine, 1, "b", "", 12.0),
         Err(ActionError::AlreadyAcknowledged { id: 1, author: "a".to_owned() })
     );
     assert_eq!(engine.standing()[0].acknowledgement.as_ref().unwrap().author, "a");
@@ -190,8 +214,10 @@ fn refusals_change_nothing() {
 
 #[test]
 fn history_is_bounded_and_counts_what_fell_out() {
-    let mut engine =
-        AlarmEngine::new(Settings { on_delay_s: 0.0, off_delay_s: 0.0, history_len: 10 });
+    let mut engine = AlarmEngine::new(
+        "rig",
+        Settings { on_delay_s: 0.0, off_delay_s: 0.0, history_len: 10, ..Settings::default() },
+    );
     let states: Vec<State> = (0..100).map(|n| if n % 2 == 0 { W } else { H }).collect();
     assert_eq!(play(&mut engine, 10.0, &states).len(), 100);
     assert_eq!((engine.history().len(), engine.history_dropped()), (10, 90));
@@ -254,7 +280,7 @@ proptest! {
             let events = match step {
                 4 => {
                     let id = engine.standing().first().map_or(0, |alarm| alarm.id);
-                    engine.acknowledge(id, "a", "", time_s).map(|(_, e)| e).unwrap_or_default()
+                    acknowledge(&mut engine, id, "a", "", time_s).map(|(_, e)| e).unwrap_or_default()
                 }
                 state => engine.observe(
                     &verdict([H, U, W, D][usize::from(state)], OperatingState::Running),

@@ -1,15 +1,22 @@
-//! Alarms: list, show, acknowledge, history.
+//! Alarms: list, show, history, load.
+//!
+//! The newest events are a shard's own, older ones the store's; together they read as one history, also
+//! while the store refuses.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query, in_range};
+use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, newest};
-use super::view::{MachineHandle, ShardRequest};
+use super::view::{AlarmHistory, MachineHandle, ShardRequest};
 use super::wire::alarms::{
-    AcknowledgeBody, AlarmEventWire, AlarmHistoryWire, AlarmListWire, AlarmWire, alarm_id,
-    parse_alarm_id,
+    AlarmDetailWire, AlarmEventWire, AlarmHistoryWire, AlarmListWire, AlarmLoadWire, AlarmWire,
+    MachineLoadWire, alarm_id, parse_alarm_id,
 };
 use super::wire::problem::ProblemWire;
 use super::wire::{AlarmStateName, LevelName};
+use crate::alarms::AlarmEvent;
+use crate::alarms::load;
+use crate::signal::Timestamp;
+use crate::store::EventQuery;
 use axum::Json;
 use axum::extract::State;
 use serde::Deserialize;
@@ -31,6 +38,8 @@ pub(super) struct ListQuery {
     level: Option<LevelName>,
     /// In this state only.
     state: Option<AlarmStateName>,
+    /// Changed at this time (RFC 3339) or later.
+    since: Option<String>,
     /// Items a page.
     #[param(minimum = 1, maximum = 1000, default = 100)]
     limit: Option<usize>,
@@ -38,7 +47,7 @@ pub(super) struct ListQuery {
     after: Option<String>,
 }
 
-/// Lists the alarms that are not back to normal.
+/// Lists the alarms that are not over.
 #[utoipa::path(
     get,
     path = "/api/v1/alarms",
@@ -56,6 +65,7 @@ pub(super) async fn list(
 ) -> Result<Json<AlarmListWire>, ApiError> {
     let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
     let cursor = query.after.as_deref().map(cursor).transpose()?;
+    let since = query.since.as_deref().map(since).transpose()?;
     let mut items = Vec::new();
     for (id, handle) in chosen(&state, query.machine.as_deref())? {
         let view = newest(handle);
@@ -65,7 +75,8 @@ pub(super) async fn list(
                 .filter(|alarm| {
                     query.component.as_ref().is_none_or(|component| *component == alarm.component)
                         && query.level.is_none_or(|level| level == alarm.level.into())
-                        && query.state.is_none_or(|state| state == alarm.state.into())
+                        && query.state.is_none_or(|state| state == alarm.shown().into())
+                        && is_since(since, view.start_time, alarm.changed_at_s)
                         && is_behind(cursor, id, alarm.id)
                 })
                 .map(|alarm| (alarm.id, AlarmWire::new(id, alarm, view.start_time))),
@@ -83,6 +94,10 @@ pub(super) async fn list(
 pub(super) struct HistoryQuery {
     /// Of this machine only.
     machine: Option<String>,
+    /// Of this component only.
+    component: Option<String>,
+    /// At this time (RFC 3339) or later.
+    since: Option<String>,
     /// Items a page.
     #[param(minimum = 1, maximum = 1000, default = 100)]
     limit: Option<usize>,
@@ -90,7 +105,7 @@ pub(super) struct HistoryQuery {
     after: Option<String>,
 }
 
-/// Lists the alarm events held in memory.
+/// Lists what happened to alarms, also before a restart.
 #[utoipa::path(
     get,
     path = "/api/v1/alarms/history",
@@ -110,18 +125,27 @@ pub(super) async fn history(
 ) -> Result<Json<AlarmHistoryWire>, ApiError> {
     let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
     let cursor = query.after.as_deref().map(cursor).transpose()?;
+    let since = query.since.as_deref().map(since).transpose()?;
     let (mut items, mut dropped) = (Vec::new(), 0_u64);
     for (id, handle) in chosen(&state, query.machine.as_deref())? {
+        let before = match cursor {
+            Some((machine, _)) if id < machine => continue,
+            Some((machine, number)) if id == machine => number,
+            Some(_) | None => u64::MAX,
+        };
         let start = newest(handle).start_time;
-        let held = state.ask(handle, |reply| ShardRequest::AlarmHistory { reply }).await?;
-        dropped = dropped.saturating_add(held.dropped);
-        items.extend(
-            held.events
-                .iter()
-                .rev()
-                .filter(|event| is_behind(cursor, id, event.sequence))
-                .map(|event| AlarmEventWire::new(id, event, start)),
-        );
+        let wanted = EventQuery {
+            machine: id.to_owned(),
+            before,
+            since,
+            component: query.component.clone(),
+            alarm: None,
+            limit: (limit + 1).saturating_sub(items.len()),
+            start,
+        };
+        let (events, gone) = events(&state, handle, wanted).await?;
+        dropped = dropped.saturating_add(gone);
+        items.extend(events.iter().map(|event| AlarmEventWire::new(id, event, start)));
     }
     let next = (items.len() > limit)
         .then(|| alarm_id(&items[limit - 1].alarm.machine, items[limit - 1].sequence));
@@ -129,67 +153,104 @@ pub(super) async fn history(
     Ok(Json(AlarmHistoryWire { items, next, dropped }))
 }
 
-/// Shows one alarm, standing or still in the history.
+/// The events asked for, newest first: the shard's, then the store's older ones; and the number of events
+/// that neither holds any more.
+async fn events(
+    state: &ApiState,
+    handle: &MachineHandle,
+    query: EventQuery,
+) -> Result<(Vec<AlarmEvent>, u64), ApiError> {
+    let held: AlarmHistory =
+        state.ask(handle, |reply| ShardRequest::AlarmHistory { reply }).await?;
+    let fits = |event: &&AlarmEvent| {
+        event.sequence < query.before
+            && query.component.as_ref().is_none_or(|c| *c == event.alarm.component)
+            && query.alarm.is_none_or(|alarm| alarm == event.alarm.id)
+            && is_since(query.since, query.start, event.time_s)
+    };
+    let newer = held.events.iter().rev().filter(fits).take(query.limit);
+    let mut found: Vec<AlarmEvent> = newer.cloned().collect();
+    let oldest_held = held.events.first().map_or(held.dropped + 1, |event| event.sequence);
+    let older = EventQuery {
+        before: query.before.min(oldest_held),
+        limit: query.limit - found.len(),
+        ..query
+    };
+    let read = state.read_store(move |archive| {
+        let oldest = archive.oldest(&older.machine)?;
+        let events = if older.limit == 0 { Vec::new() } else { archive.events(&older)? };
+        Ok((events, oldest))
+    });
+    let Some((older, oldest_stored)) = read.await? else { return Ok((found, held.dropped)) };
+    found.extend(older);
+    let oldest = oldest_stored.map_or(oldest_held, |oldest| oldest.min(oldest_held));
+    Ok((found, oldest.saturating_sub(1)))
+}
+
+/// Shows one alarm with what happened to it, standing or over.
 #[utoipa::path(
     get,
     path = "/api/v1/alarms/{id}",
     tag = "alarms",
     params(("id" = String, Path, description = "Alarm id, e.g. `rig-1:12`")),
     responses(
-        (status = OK, body = AlarmWire),
+        (status = OK, body = AlarmDetailWire),
         (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
         (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire,
+         content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn show(
     State(state): State<ApiState>,
     Path(id): Path<String>,
-) -> Result<Json<AlarmWire>, ApiError> {
+) -> Result<Json<AlarmDetailWire>, ApiError> {
     let (machine, number, handle) = find(&state, &id)?;
     let view = newest(handle);
-    if let Some(alarm) = view.alarms.iter().find(|alarm| alarm.id == number) {
-        return Ok(Json(AlarmWire::new(machine, alarm, view.start_time)));
-    }
-    let held = state.ask(handle, |reply| ShardRequest::AlarmHistory { reply }).await?;
-    held.events
-        .iter()
-        .rev()
-        .find(|event| event.alarm.id == number)
-        .map(|event| Json(AlarmWire::new(machine, &event.alarm, view.start_time)))
-        .ok_or_else(|| {
-            ApiError::NotFound(format!("no alarm {id:?} stands or is held in the history"))
-        })
+    let query = EventQuery {
+        machine: machine.to_owned(),
+        before: u64::MAX,
+        alarm: Some(number),
+        limit: MAX_LIMIT,
+        start: view.start_time,
+        ..EventQuery::default()
+    };
+    let (events, _) = events(&state, handle, query).await?;
+    // The snapshot knows the newest words of a standing alarm, the events know its end.
+    let standing = view.alarms.iter().find(|alarm| alarm.id == number);
+    let Some(alarm) = standing.or(events.first().map(|event| &event.alarm)) else {
+        return Err(ApiError::NotFound(format!("no alarm {id:?} stands or is in the history")));
+    };
+    Ok(Json(AlarmDetailWire::new(machine, alarm, &events, view.start_time)))
 }
 
-/// Acknowledges an alarm.
+/// Says what the alarms ask of an operator: rate, floods, chatter, stale alarms, which came first.
 #[utoipa::path(
-    post,
-    path = "/api/v1/alarms/{id}/ack",
+    get,
+    path = "/api/v1/alarms/load",
     tag = "alarms",
-    params(("id" = String, Path, description = "Alarm id, e.g. `rig-1:12`")),
-    request_body = AcknowledgeBody,
-    responses(
-        (status = OK, body = AlarmWire, description = "The alarm after the act"),
-        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
-        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
-        (status = CONFLICT, body = ProblemWire, content_type = "application/problem+json",
-         description = "Already acknowledged"),
-        (status = PAYLOAD_TOO_LARGE, body = ProblemWire, content_type = "application/problem+json"),
-        (status = UNSUPPORTED_MEDIA_TYPE, body = ProblemWire,
-         content_type = "application/problem+json"),
-    )
+    responses((status = OK, body = AlarmLoadWire))
 )]
-pub(super) async fn acknowledge(
-    State(state): State<ApiState>,
-    Path(id): Path<String>,
-    Body(body): Body<AcknowledgeBody>,
-) -> Result<Json<AlarmWire>, ApiError> {
-    let (machine, number, handle) = find(&state, &id)?;
-    let AcknowledgeBody { author, comment } = body;
-    let alarm = state
-        .ask(handle, |reply| ShardRequest::Acknowledge { alarm: number, author, comment, reply })
-        .await??;
-    Ok(Json(AlarmWire::new(machine, &alarm, newest(handle).start_time)))
+pub(super) async fn load(State(state): State<ApiState>) -> Json<AlarmLoadWire> {
+    let mut whole = AlarmLoadWire {
+        last_hour: 0,
+        last_ten_minutes: 0,
+        flood: false,
+        chattering: Vec::new(),
+        stale: Vec::new(),
+        machines: Vec::new(),
+    };
+    for (id, handle) in state.machines.iter() {
+        let view = newest(handle);
+        let load = &view.alarm_load;
+        whole.last_hour += load.last_hour;
+        whole.last_ten_minutes += load.last_ten_minutes;
+        whole.chattering.extend(load.chattering.iter().map(|number| alarm_id(id, *number)));
+        whole.stale.extend(load.stale.iter().map(|number| alarm_id(id, *number)));
+        whole.machines.push(MachineLoadWire::new(id, load));
+    }
+    whole.flood = whole.last_ten_minutes > load::FLOOD_ALARMS;
+    Json(whole)
 }
 
 /// The machine asked for, or all.
@@ -203,7 +264,8 @@ fn chosen<'s>(
     }
 }
 
-fn find<'a>(
+/// Machine and number of an alarm's id.
+pub(super) fn find<'a>(
     state: &'a ApiState,
     id: &'a str,
 ) -> Result<(&'a str, u64, &'a MachineHandle), ApiError> {
@@ -217,6 +279,20 @@ fn cursor(after: &str) -> Result<(&str, u64), ApiError> {
     parse_alarm_id(after).ok_or_else(|| {
         ApiError::Invalid(format!("after is {after:?}, allowed is the `next` of another page"))
     })
+}
+
+fn since(text: &str) -> Result<Timestamp, ApiError> {
+    let read = text.parse::<jiff::Timestamp>().ok();
+    let time = read.and_then(|time| i64::try_from(time.as_nanosecond()).ok());
+    time.map(Timestamp).ok_or_else(|| {
+        let message = "allowed is a time such as 2026-05-04T12:00:00Z";
+        ApiError::Invalid(format!("since is {text:?}, {message}"))
+    })
+}
+
+/// Whether a stream time is at `since` or later; without a start it counts from 1970-01-01, as shown.
+fn is_since(since: Option<Timestamp>, start: Option<Timestamp>, time_s: f64) -> bool {
+    since.is_none_or(|since| start.unwrap_or_default().plus_seconds(time_s) >= since)
 }
 
 /// Whether an item comes behind the cursor, in the order machine rising, number falling. Holds also

@@ -3,7 +3,9 @@
 //! Handlers return an [`ApiError`]; `guard::problems` writes the problem+json body (RFC 9457) for it
 //! and for every other answer from status 400, so that no error leaves in another shape.
 
+use super::view::ActFailure;
 use crate::alarms::ActionError;
+use crate::store::StoreError;
 use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -46,6 +48,9 @@ pub enum ApiError {
     /// The daemon does not do its work; the reasons.
     #[error("the daemon is not ready")]
     NotReady(Vec<String>),
+    /// An act took effect but could not be stored; says why.
+    #[error("{0}; it will be stored when the store recovers")]
+    NotStored(String),
     /// Too much to do; says of what.
     #[error("{0}; try again")]
     Busy(&'static str),
@@ -85,7 +90,9 @@ impl ApiError {
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
-            Self::NotReady(_) | Self::Busy(_) | Self::Timeout => StatusCode::SERVICE_UNAVAILABLE,
+            Self::NotReady(_) | Self::NotStored(_) | Self::Busy(_) | Self::Timeout => {
+                StatusCode::SERVICE_UNAVAILABLE
+            }
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
             Self::Other(status) => *status,
         }
@@ -104,6 +111,7 @@ impl ApiError {
             Self::UnsupportedMediaType => ("unsupported-media-type", "Body is not JSON"),
             Self::ForeignHost { .. } => ("foreign-host", "Host not served here"),
             Self::NotReady(_) => ("not-ready", "Not ready"),
+            Self::NotStored(_) => ("not-stored", "In effect but not stored"),
             Self::Busy(_) => ("busy", "Busy"),
             Self::Timeout => ("timeout", "No answer in time"),
             Self::Internal => ("internal", "Fault inside the daemon"),
@@ -155,11 +163,29 @@ impl From<ActionError> for ApiError {
     fn from(error: ActionError) -> Self {
         match error {
             ActionError::UnknownAlarm { .. } => Self::NotFound(error.to_string()),
-            ActionError::AlreadyAcknowledged { .. } => Self::Conflict(error.to_string()),
-            ActionError::NoAuthor | ActionError::TextTooLong { .. } => {
-                Self::Invalid(error.to_string())
+            ActionError::AlreadyAcknowledged { .. } | ActionError::NotInState { .. } => {
+                Self::Conflict(error.to_string())
             }
+            ActionError::NoAuthor
+            | ActionError::TextTooLong { .. }
+            | ActionError::ShelvingTime { .. } => Self::Invalid(error.to_string()),
         }
+    }
+}
+
+impl From<ActFailure> for ApiError {
+    fn from(failure: ActFailure) -> Self {
+        match failure {
+            ActFailure::Refused(error) => error.into(),
+            ActFailure::NotStored(_) => Self::NotStored(failure.to_string()),
+        }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        tracing::error!(%error, "the store cannot be read");
+        Self::Internal
     }
 }
 

@@ -15,6 +15,7 @@ mod signals;
 mod spectra;
 mod cwt;
 mod alarms;
+mod acts;
 mod service;
 mod simulation;
 #[cfg(test)]
@@ -77,7 +78,15 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))
         .routes(routes!(alarms::show))
-        .routes(routes!(alarms::acknowledge))
+        .routes(routes!(alarms::load))
+        .routes(routes!(acts::acknowledge))
+        .routes(routes!(acts::shelve))
+        .routes(routes!(acts::unshelve))
+        .routes(routes!(acts::suppress))
+        .routes(routes!(acts::unsuppress))
+        .routes(routes!(acts::out_of_service))
+        .routes(routes!(acts::return_to_service))
+        .routes(routes!(acts::reset))
         .routes(routes!(simulation::scenarios, simulation::change))
 }
 

@@ -7,7 +7,7 @@ use super::wire::finite;
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
-use super::wire::system::{LiveWire, ReadyWire, RecordingWire, StreamWire, SystemWire};
+use super::wire::system::{LiveWire, ReadyWire, RecordingWire, StoreWire, StreamWire, SystemWire};
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -97,6 +97,12 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         configuration_hash: state.settings.configuration_hash.clone(),
         started_at: state.settings.started_at.map(|started| rfc3339(Some(started), 0.0)),
+        store: state.store.as_ref().map(|store| StoreWire {
+            failure: store.status.failure(),
+            stored: store.status.n_stored(),
+            waiting: store.status.n_waiting(),
+            lost: store.status.n_lost(),
+        }),
         streams: streams.collect(),
     })
 }

@@ -1,8 +1,9 @@
 //! What the handlers share.
 
 use super::error::ApiError;
-use super::view::{MachineHandle, MachineView, ShardRequest};
+use super::view::{MachineHandle, MachineView, ShardRequest, StoreHandle};
 use crate::signal::{ChannelInfo, Timestamp};
+use crate::store::{Archive, StoreError};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -59,6 +60,8 @@ pub struct ApiState {
     pub(super) settings: Arc<Settings>,
     pub(super) metrics: MetricsText,
     pub(super) readiness: ReadinessCheck,
+    /// What survives a restart; `None`: nothing does.
+    pub(super) store: Option<StoreHandle>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -92,7 +95,14 @@ impl ApiState {
             settings: Arc::new(settings),
             metrics,
             readiness,
+            store: None,
         }
+    }
+
+    /// Reads older events from `store`.
+    #[must_use]
+    pub fn with_store(self, store: StoreHandle) -> Self {
+        Self { store: Some(store), ..self }
     }
 
     /// Finds a machine.
@@ -114,6 +124,21 @@ impl ApiState {
             Ok(Err(_)) => Err(ApiError::Busy("the machine's shard dropped the question")),
             Err(_) => Err(ApiError::Timeout),
         }
+    }
+
+    /// Reads from the store beside the event loop; `None` when there is none.
+    pub(super) async fn read_store<T: Send + 'static>(
+        &self,
+        read: impl FnOnce(&dyn Archive) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<Option<T>, ApiError> {
+        let Some(store) = &self.store else { return Ok(None) };
+        let archive = Arc::clone(&store.archive);
+        let done = tokio::task::spawn_blocking(move || read(&*archive)).await;
+        let read = done.map_err(|error| {
+            tracing::error!(%error, "reading the store panicked");
+            ApiError::Internal
+        })?;
+        Ok(Some(read?))
     }
 
     /// Runs `work` beside the event loop, if there is room.

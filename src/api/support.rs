@@ -4,9 +4,10 @@ use super::router;
 use super::state::{ApiState, Settings};
 use super::view::{
     AlarmHistory, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy, ShardRequest,
-    SimulationHandle, SourceState, Trend, Waveform,
+    SimulationHandle, SourceState, StoreHandle, Trend, Waveform,
 };
-use crate::alarms::{self, AlarmEngine};
+use crate::alarms::load;
+use crate::alarms::{self, AlarmEngine, Moment};
 use crate::buffer::RingStatus;
 use crate::diagnosis::fault::{ComponentKind, Detector, FaultMode, State};
 use crate::diagnosis::verdict::{
@@ -218,8 +219,17 @@ impl Service {
     }
 
     pub(crate) fn with(behaviour: Behaviour, change: impl FnOnce(&mut Settings)) -> Self {
-        let mut engine = AlarmEngine::new(alarms::Settings::default());
+        let mut engine = AlarmEngine::new("rig-1", alarms::Settings::default());
         engine.observe(&sample_diagnosis(), 10.0);
+        Self::over(engine, behaviour, change)
+    }
+
+    /// A service over a machine with these alarms.
+    pub(crate) fn over(
+        engine: AlarmEngine,
+        behaviour: Behaviour,
+        change: impl FnOnce(&mut Settings),
+    ) -> Self {
         let (view, receiver) = watch::channel(Arc::new(sample_view(&engine)));
         let (requests, inbox) = sync_channel(16);
         std::thread::spawn(move || shard(&inbox, engine, behaviour));
@@ -244,6 +254,20 @@ impl Service {
             Arc::new(|| "# EOF\n".to_owned()),
             Arc::new(Vec::new),
         );
+        Self::of_state(state, view)
+    }
+
+    /// The same service with a store.
+    pub(crate) fn with_store(self, store: StoreHandle) -> Self {
+        Self::of_state(self.state.with_store(store), self.view)
+    }
+
+    /// The service after its state was changed.
+    pub(crate) fn renewed(self) -> Self {
+        Self::of_state(self.state, self.view)
+    }
+
+    fn of_state(state: ApiState, view: watch::Sender<Arc<MachineView>>) -> Self {
         let pages = Router::new()
             .route("/", axum::routing::get(async || "a page"))
             .route("/panics", axum::routing::get(panics))
@@ -395,6 +419,7 @@ pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
                 Feature { name: "cwt_ratio_1x_main".into(), value: 1.5, unit: Unit::One },
             ],
         }]),
+        alarm_load: load::of(engine.history(), &engine.standing(), 12.0),
         alarms: Arc::new(engine.standing()),
         queue_bytes: 0,
         dropped: (0, 0),
@@ -417,9 +442,9 @@ fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, behaviour: Beh
             ShardRequest::Trend { reply, .. } => {
                 let _ = reply.send(sample_trend());
             }
-            ShardRequest::Acknowledge { alarm, author, comment, reply } => {
-                let done = engine.acknowledge(alarm, &author, &comment, 12.0);
-                let _ = reply.send(done.map(|(alarm, _)| alarm));
+            ShardRequest::Act { act, reply } => {
+                let done = engine.act(&act, Moment::of_stream(12.0));
+                let _ = reply.send(done.map(|(alarm, _)| alarm).map_err(Into::into));
             }
             ShardRequest::AlarmHistory { reply } => {
                 let events = engine.history().iter().cloned().collect();

@@ -3,16 +3,22 @@
 //! A shard publishes an immutable [`MachineView`] at each hop; anything larger is asked for by a
 //! [`ShardRequest`] with a one-shot reply, served between blocks.
 
+use crate::alarms::Act;
+use crate::alarms::ActionError;
+use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
+use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
-use crate::ingest::simulated::Status;
+use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::signal::ChannelInfo;
 use crate::signal::Timestamp;
 use crate::simulator::scenario::ScenarioError;
 use crate::simulator::scenario::Wanted;
+use crate::store::Archive;
+use crate::store::writer::Status;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 use tokio::sync::watch;
@@ -50,8 +56,10 @@ pub struct MachineView {
     pub state_since_s: Vec<f64>,
     /// Newest features.
     pub features: Arc<Vec<ChannelFeatures>>,
-    /// All alarms that are not back to normal, newest first.
-    pub alarms: Arc<Vec<crate::alarms::Alarm>>,
+    /// All alarms that are not over, newest first.
+    pub alarms: Arc<Vec<Alarm>>,
+    /// What they ask of an operator.
+    pub alarm_load: Load,
     /// Blocks waiting in the shard's queue, bytes.
     pub queue_bytes: usize,
     /// Blocks dropped because the queue was full, and their samples.
@@ -103,22 +111,29 @@ pub enum ShardRequest {
         /// The columns.
         reply: oneshot::Sender<Trend>,
     },
-    /// An operator acknowledges an alarm.
-    Acknowledge {
-        /// Which alarm.
-        alarm: u64,
-        /// Who.
-        author: String,
-        /// Why.
-        comment: String,
-        /// The alarm after the act, or why not.
-        reply: oneshot::Sender<Result<crate::alarms::Alarm, crate::alarms::ActionError>>,
+    /// An operator does something to an alarm.
+    Act {
+        /// What.
+        act: Act,
+        /// The alarm after the act once that is stored, or why not.
+        reply: oneshot::Sender<Result<Alarm, ActFailure>>,
     },
     /// The alarm events held in memory.
     AlarmHistory {
         /// The events.
         reply: oneshot::Sender<AlarmHistory>,
     },
+}
+
+/// Why an operator's act is not answered with the alarm after it.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ActFailure {
+    /// It was refused; nothing has changed.
+    #[error(transparent)]
+    Refused(#[from] ActionError),
+    /// It is in effect, but would be lost if the program ended now; the reason.
+    #[error("the act is in effect but not stored yet: {0}")]
+    NotStored(String),
 }
 
 /// Alarm events held in memory.
@@ -164,7 +179,7 @@ pub struct ScenarioRequest {
     /// Simulated time over which it grows, s.
     pub grow_s: f64,
     /// How the source is doing then, or why not.
-    pub reply: oneshot::Sender<Result<Arc<Status>, ScenarioError>>,
+    pub reply: oneshot::Sender<Result<Arc<simulated::Status>, ScenarioError>>,
 }
 
 /// Why a simulated source did not take a scenario.
@@ -180,7 +195,7 @@ pub enum NotTaken {
 #[derive(Clone)]
 pub struct SimulationHandle {
     /// How it is doing.
-    pub view: watch::Receiver<Arc<Status>>,
+    pub view: watch::Receiver<Arc<simulated::Status>>,
     /// Asks it for another scenario.
     pub submit: Arc<dyn Fn(ScenarioRequest) -> Result<(), NotTaken> + Send + Sync>,
 }
@@ -188,6 +203,21 @@ pub struct SimulationHandle {
 impl std::fmt::Debug for SimulationHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SimulationHandle").finish_non_exhaustive()
+    }
+}
+
+/// What survives a restart, as the API sees it.
+#[derive(Clone)]
+pub struct StoreHandle {
+    /// Older events.
+    pub archive: Arc<dyn Archive>,
+    /// How the store is doing.
+    pub status: Arc<Status>,
+}
+
+impl std::fmt::Debug for StoreHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("StoreHandle").field("status", &self.status).finish_non_exhaustive()
     }
 }
 

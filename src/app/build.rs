@@ -1,6 +1,10 @@
 //! From configuration to machines on shards: opens the sources, checks memory, deals out.
 
+use super::Clock;
 use super::http::MetricsText;
+use super::keeper::Keeper;
+use super::keeper::KeeperPlan;
+use super::keeper::MachineKeeper;
 use super::link::Link;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
@@ -11,6 +15,8 @@ use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated::Desk;
+use crate::alarms::AlarmEngine;
+use crate::alarms::AlarmEvent;
 use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
@@ -30,12 +36,21 @@ use crate::pipeline::Monitor;
 use crate::pipeline::MonitorError;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
+use crate::signal::Timestamp;
+use crate::store::Archive;
+use crate::store::ConfigurationEntry;
+use crate::store::StateStore;
+use crate::store::StoreError;
+use crate::store::StreamKey;
+use crate::store::sqlite;
 use crate::telemetry::Metrics;
+use std::fs;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
+use std::time::UNIX_EPOCH;
 
 /// Bytes of blocks that may wait for a shard: about 20 s of ten channels at 25.6 kHz.
 pub const QUEUE_BYTES: usize = 16 << 20;
@@ -85,6 +100,9 @@ pub enum StartError {
         /// Why.
         source: Box<OfflineError>,
     },
+    /// The store cannot be used.
+    #[error(transparent)]
+    Store(#[from] StoreError),
     /// The port cannot be bound.
     #[error("the address {address} cannot be bound, choose another in [server] bind")]
     Bind {
@@ -143,18 +161,21 @@ pub(super) struct Plan {
     pub(super) sources: Vec<SourcePlan>,
     pub(super) handles: Vec<MachineHandle>,
     pub(super) metrics: Arc<Metrics>,
+    pub(super) keeper: Keeper,
+    pub(super) keeping: KeeperPlan,
 }
 
 /// Builds everything.
 ///
 /// # Errors
-/// When memory does not suffice or a machine has no channel in its stream. A source that cannot be
+/// When memory does not suffice, the store cannot be used or a machine has no channel in its stream. A source that cannot be
 /// opened is no error: its machine is shown as failed, and the others are monitored.
 pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     let n_shards = n_shards(config);
     check_memory(config, &streams, n_shards)?;
     let metrics = Arc::new(Metrics::new());
+    let (keeper, keeping) = open_keeper(config, &metrics)?;
     let store = recording::open_store(config);
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
@@ -186,7 +207,8 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             Ok(stream) => (Ok(stream.info), stream.simulated),
             Err(reason) => (Err(reason), None),
         };
-        let opened = monitor(config, entry, info)?;
+        let tells_store = handles.is_empty();
+        let opened = monitor(config, entry, info, (&keeper, tells_store))?;
         let (work, simulation) = work(entry, simulated, &metrics);
         if opened.monitor.is_some() {
             let machine = Arc::clone(&entry.machine);
@@ -210,7 +232,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             submit,
         });
     }
-    Ok(Plan { shards, sources, handles, metrics })
+    Ok(Plan { shards, sources, handles, metrics, keeper, keeping })
 }
 
 impl Plan {
@@ -267,29 +289,103 @@ fn work(
     }
 }
 
+/// Opens the store and notes the configuration in it.
+fn open_keeper(config: &Config, metrics: &Metrics) -> Result<(Keeper, KeeperPlan), StartError> {
+    let (mut store, archive) = sqlite::open(&config.store.directory)?;
+    let entry = ConfigurationEntry {
+        hash: configuration_hash(config),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        since: super::wall_clock(),
+    };
+    // A disk that is full now may have room later: alarms are raised all the same.
+    if let Err(error) = store.note_configuration(&entry) {
+        tracing::error!(error = with_causes(&error), "the configuration's hash is not stored");
+    }
+    Ok(Keeper::new(Box::new(store), Arc::new(archive), metrics.store()))
+}
+
+/// What tells a stream from others after a restart: a capture that is played once, as it is on the disk,
+/// judged by the same configuration.
+fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) -> StreamKey {
+    let judged_by = configuration_hash(config);
+    let identity = match &entry.source {
+        SourceConfig::Replay(settings) if !settings.repeat => {
+            fs::metadata(&settings.file).ok().map(|file| {
+                let changed =
+                    file.modified().ok().and_then(|at| at.duration_since(UNIX_EPOCH).ok());
+                let changed_s = changed.map_or(0.0, |since| since.as_secs_f64());
+                format!("{} {} {changed_s:.6} {judged_by}", settings.file.display(), file.len())
+            })
+        }
+        SourceConfig::Replay(_) | SourceConfig::Simulated(_) => None,
+    };
+    StreamKey { identity, start }
+}
+
+/// Lets an engine go on with what is stored of its machine.
+fn restore(
+    engine: &mut AlarmEngine,
+    machine: &str,
+    stream: &StreamKey,
+    archive: &dyn Archive,
+    clock: Clock,
+) -> Result<Vec<AlarmEvent>, StartError> {
+    let now = clock.moment(0.0);
+    let kept = archive.load(machine, stream, now, engine.settings().history_len)?;
+    if !kept.alarms.is_empty() {
+        tracing::info!(machine, n_alarms = kept.alarms.len(), "alarms of before the start stand");
+    }
+    Ok(engine.restore(kept, now))
+}
+
 /// Makes the monitor of a machine whose source could be opened.
 fn monitor(
     config: &Config,
     entry: &MachineConfig,
     stream: Result<StreamInfo, String>,
+    (keeper, tells_store): (&Keeper, bool),
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
+    let mut idle = AlarmEngine::of_machine(machine, &[], config.monitor.alarms.clone());
+    let keeper_of =
+        |key: &StreamKey| MachineKeeper::new(keeper.clone(), &machine.id, key.clone(), tells_store);
+    let (archive, clock) = (&*keeper.archive, keeper.clock);
     let info = match stream {
         Ok(info) => info,
         Err(reason) => {
             tracing::error!(machine = machine.id, reason, "source failed");
             let source = SourceState::Failed(reason);
-            return Ok(Opened { monitor: None, source, start_time: None });
+            // Without a stream its alarms count from now.
+            let start_time = Some(super::wall_clock());
+            let key = StreamKey { identity: None, start: start_time };
+            let alarm_events = restore(&mut idle, &machine.id, &key, archive, clock)?;
+            let keeper = keeper_of(&key);
+            let (monitor, is_live, alarms) = (None, false, idle);
+            return Ok(Opened {
+                monitor,
+                source,
+                start_time,
+                is_live,
+                alarms,
+                alarm_events,
+                keeper,
+            });
         }
     };
     let hints = SpeedHints { option: None, capture: info.shaft_speed };
     let settings = Settings { baseline: baseline(entry)?, ..config.monitor.clone() };
-    let monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
+    let mut monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
+    let key = stream_key(config, entry, info.start_time);
+    let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
     Ok(Opened {
         monitor: Some(monitor),
         source: SourceState::Starting,
         start_time: info.start_time,
+        is_live: matches!(entry.source, SourceConfig::Simulated(_)),
+        alarms: idle,
+        alarm_events,
+        keeper: keeper_of(&key),
     })
 }
 

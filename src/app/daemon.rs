@@ -16,6 +16,7 @@ use super::source;
 use super::stop::Stop;
 use crate::api::state;
 use crate::api::view::MachineHandle;
+use crate::api::view::StoreHandle;
 use crate::config::Config;
 use crate::ingest::replay;
 use crate::telemetry::Metrics;
@@ -87,10 +88,12 @@ impl Daemon {
 
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
         let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
-        let Plan { shards, sources, handles, metrics } = plan;
+        let Plan { shards, sources, handles, metrics, keeper, keeping } = plan;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(shards.len() + sources.len());
-        let started = start_threads(&mut threads, shards, sources, &metrics, &stop);
+        let mut threads = Threads::new(1 + shards.len() + sources.len());
+        let started = threads
+            .start("store".to_owned(), move || keeping.run())
+            .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
         if let Err(source) = started {
             queues.iter().for_each(|queue| queue.close());
             stop.set();
@@ -101,7 +104,8 @@ impl Daemon {
             configuration_hash: Some(build::configuration_hash(config)),
             ..state::Settings::new(address)
         };
-        let router = http::router(handles.clone(), settings, metrics_text, readiness);
+        let store = StoreHandle { archive: keeper.archive, status: keeper.status };
+        let router = http::router(handles.clone(), settings, metrics_text, readiness, store);
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self { address, handles, stop, queues, runtime, server, server_stop, signals, threads })
@@ -216,8 +220,9 @@ fn system(what: &'static str, source: io::Error) -> StartError {
     StartError::System { what, source }
 }
 
-/// Names the shards that do not come round.
+/// Names the shards that do not come round, and why alarms cannot be stored.
 fn readiness(plan: &Plan) -> ReadinessCheck {
+    let status = Arc::clone(&plan.keeper.status);
     let heartbeats: Vec<Arc<Heartbeat>> =
         plan.shards.iter().map(|shard| Arc::clone(&shard.heartbeat)).collect();
     Arc::new(move || {
@@ -226,6 +231,7 @@ fn readiness(plan: &Plan) -> ReadinessCheck {
             .map(|(shard, beat)| {
                 format!("shard {shard} has not moved for {} s", beat.age().as_secs())
             })
+            .chain(status.failure().map(|why| format!("alarms cannot be stored: {why}")))
             .collect()
     })
 }

@@ -3,6 +3,7 @@
 use crate::api;
 use crate::api::state;
 use crate::api::view::MachineHandle;
+use crate::api::view::StoreHandle;
 use crate::dashboard;
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,8 +26,9 @@ pub fn router(
     settings: state::Settings,
     metrics: MetricsText,
     readiness: ReadinessCheck,
+    store: StoreHandle,
 ) -> axum::Router {
-    let state = state::ApiState::new(machines, settings, metrics, readiness);
+    let state = state::ApiState::new(machines, settings, metrics, readiness).with_store(store);
     api::router(state, dashboard::router())
 }
 

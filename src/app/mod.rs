@@ -12,6 +12,8 @@ pub mod stop;
 pub mod queue;
 pub mod link;
 pub mod trend;
+pub mod keeper;
+mod alarming;
 pub mod monitored;
 pub mod shard;
 pub mod outlet;
@@ -22,6 +24,7 @@ pub mod http;
 pub mod build;
 pub mod daemon;
 
+use crate::alarms::Moment;
 use crate::config::Config;
 use crate::signal::Timestamp;
 use build::StartError;
@@ -55,6 +58,27 @@ pub fn now() -> Instant {
     Instant::now()
 }
 
+/// The clocks of the daemon, for alarms.
+#[derive(Debug, Clone, Copy)]
+pub struct Clock {
+    started: Instant,
+}
+
+impl Clock {
+    /// Begins to count monotonic time.
+    #[must_use]
+    pub fn start() -> Self {
+        Self { started: now() }
+    }
+
+    /// This instant, at a stream time.
+    #[must_use]
+    pub fn moment(self, stream_s: f64) -> Moment {
+        let monotonic_s = now().saturating_duration_since(self.started).as_secs_f64();
+        Moment { stream_s, monotonic_s, utc: wall_clock() }
+    }
+}
+
 /// UTC now. For labels only: no delay and no order depends on it.
 #[must_use]
 #[expect(clippy::disallowed_methods, reason = "the daemon's one reading of the wall clock")]
@@ -65,3 +89,5 @@ pub fn wall_clock() -> Timestamp {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod keeper_tests;

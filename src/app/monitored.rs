@@ -1,9 +1,13 @@
 //! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
 
+use super::alarming::Alarming;
+use super::keeper::MachineKeeper;
 use super::link::Input;
 use super::link::Losses;
 use super::trend::TrendStore;
+use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::load::Load;
 use crate::api::view::AlarmHistory;
 use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
@@ -39,6 +43,14 @@ pub struct Opened {
     pub source: SourceState,
     /// UTC of stream time 0.
     pub start_time: Option<Timestamp>,
+    /// Whether the source delivers as time passes, so that its silence is a fault.
+    pub is_live: bool,
+    /// The alarms of a machine without a monitor.
+    pub alarms: AlarmEngine,
+    /// What the start itself did to alarms.
+    pub alarm_events: Vec<AlarmEvent>,
+    /// Way to the store.
+    pub keeper: MachineKeeper,
 }
 
 /// The machine.
@@ -46,6 +58,9 @@ pub struct Opened {
 pub struct Monitored {
     machine: Arc<Machine>,
     monitor: Option<Monitor>,
+    /// The alarms when there is no monitor.
+    idle_alarms: AlarmEngine,
+    alarming: Alarming,
     source: SourceState,
     start_time: Option<Timestamp>,
     channels: Arc<Vec<ChannelInfo>>,
@@ -71,9 +86,14 @@ impl Monitored {
         let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
         let meters = Meters::new(metrics, &machine.id, &channels);
         let (publisher, view) = watch::channel(Arc::new(empty_view()));
+        let transitions = meters.machine.alarm_transitions.clone();
+        let load = metrics.alarm_load(&machine.id);
+        let alarming = Alarming::new(&machine.id, opened.keeper, opened.is_live, transitions, load);
         let mut monitored = Self {
             machine,
             monitor: opened.monitor,
+            idle_alarms: opened.alarms,
+            alarming,
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
@@ -85,6 +105,7 @@ impl Monitored {
             publisher,
             meters,
         };
+        monitored.keep(opened.alarm_events);
         monitored.publish(0);
         (monitored, view)
     }
@@ -125,31 +146,45 @@ impl Monitored {
                     reply.send(self.trends.get(channel).map(TrendStore::copy).unwrap_or_default()),
                 );
             }
-            ShardRequest::Acknowledge { alarm, author, comment, reply } => {
-                let time_s = self.stream_time_s();
-                let Some(monitor) = &mut self.monitor else {
-                    drop(reply.send(Err(crate::alarms::ActionError::UnknownAlarm { id: alarm })));
-                    return;
+            ShardRequest::Act { act, reply } => {
+                let stream_s = self.stream_time_s();
+                let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+                let (view, publisher) = (self.publisher.borrow().clone(), &self.publisher);
+                let publish = |engine: &AlarmEngine| {
+                    let alarms = Arc::new(engine.standing());
+                    let changed = MachineView { alarms, ..MachineView::clone(&view) };
+                    publisher.send_replace(Arc::new(changed));
                 };
-                let done = monitor.alarms_mut().acknowledge(alarm, &author, &comment, time_s);
-                let answer = done.map(|(alarm, events)| {
-                    self.note_alarm_events(&events);
-                    alarm
-                });
-                // Published first, so that who asked sees the act in the next snapshot.
+                self.alarming.act(engine, &act, stream_s, publish, reply);
                 self.publish(queue_bytes);
-                drop(reply.send(answer));
             }
             ShardRequest::AlarmHistory { reply } => {
-                let alarms = self.monitor.as_ref().map(Monitor::alarms);
-                drop(reply.send(alarms.map_or_else(AlarmHistory::default, |alarms| {
-                    AlarmHistory {
-                        events: alarms.history().iter().cloned().collect(),
-                        dropped: alarms.history_dropped(),
-                    }
-                })));
+                let alarms = self.alarms();
+                drop(reply.send(AlarmHistory {
+                    events: alarms.history().iter().cloned().collect(),
+                    dropped: alarms.history_dropped(),
+                }));
             }
         }
+    }
+
+    /// Takes in that time has passed and publishes a snapshot.
+    pub fn tick(&mut self, queue_bytes: usize) {
+        let stream_s = self.stream_time_s();
+        let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+        self.alarming.tick(engine, &self.source, queue_bytes > 0, stream_s);
+        self.publish(queue_bytes);
+    }
+
+    /// The alarms, with or without a monitor.
+    fn alarms(&self) -> &AlarmEngine {
+        self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms)
+    }
+
+    fn keep(&mut self, events: Vec<AlarmEvent>) {
+        let stream_s = self.stream_time_s();
+        let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+        self.alarming.keep(engine, events, stream_s);
     }
 
     /// Publishes a snapshot.
@@ -157,10 +192,12 @@ impl Monitored {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
         let dropped = self.losses.so_far();
         self.meters.update(&rings, dropped.0);
-        let alarms = self.monitor.as_ref().map(|m| m.alarms().standing()).unwrap_or_default();
+        let alarms = self.alarms().standing();
+        let stream_time_s = newest_time_s(&rings);
+        let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
         self.publisher.send_replace(Arc::new(MachineView {
             source: self.source.clone(),
-            stream_time_s: newest_time_s(&rings),
+            stream_time_s,
             start_time: self.start_time,
             channels: Arc::clone(&self.channels),
             rings,
@@ -168,12 +205,14 @@ impl Monitored {
             state_since_s: self.state_since_s.clone(),
             features: Arc::clone(&self.features),
             alarms: Arc::new(alarms),
+            alarm_load,
             queue_bytes,
             dropped,
         }));
     }
 
     fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
+        self.alarming.note_block(arrived);
         if self.source == SourceState::Starting {
             self.note_source(SourceState::Running);
             self.publish(queue_bytes);
@@ -194,7 +233,10 @@ impl Monitored {
             work(monitor, &mut |outcome| outcomes.push(outcome));
         }));
         if done.is_err() {
-            self.monitor = None;
+            // Alarms are moved between windows only: what stands, stands.
+            if let Some(monitor) = self.monitor.take() {
+                self.idle_alarms = monitor.alarms().clone();
+            }
             let reason = "internal error in the analysis, see the log".to_owned();
             self.note_source(SourceState::Failed(reason));
         }
@@ -218,7 +260,7 @@ impl Monitored {
             }
             self.diagnosis = Some(outcome.diagnosis);
             self.features = Arc::new(outcome.features);
-            self.note_alarm_events(&outcome.alarm_events);
+            self.keep(outcome.alarm_events);
             self.meters.machine.windows_judged.inc();
             self.publish(queue_bytes);
             if let Some(arrived) = arrived {
@@ -252,22 +294,17 @@ impl Monitored {
         self.source = state;
     }
 
-    fn note_alarm_events(&self, events: &[AlarmEvent]) {
-        self.meters.machine.alarm_transitions.inc_by(events.len() as u64);
-        for event in events {
-            tracing::warn!(
-                machine = self.machine.id,
-                component = event.alarm.component,
-                level = event.alarm.level.name(),
-                transition = event.kind.name(),
-                stream_time_s = event.time_s,
-                "alarm"
-            );
-        }
-    }
-
     fn stream_time_s(&self) -> f64 {
         newest_time_s(&self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default())
+    }
+}
+
+/// The alarms of a machine, with or without a monitor; apart from `self`, so that what uses them may be
+/// borrowed beside them.
+fn engine<'m>(monitor: &'m mut Option<Monitor>, idle: &'m mut AlarmEngine) -> &'m mut AlarmEngine {
+    match monitor {
+        Some(monitor) => monitor.alarms_mut(),
+        None => idle,
     }
 }
 
@@ -300,6 +337,7 @@ fn empty_view() -> MachineView {
         state_since_s: Vec::new(),
         features: Arc::default(),
         alarms: Arc::default(),
+        alarm_load: Load::default(),
         queue_bytes: 0,
         dropped: (0, 0),
     }

@@ -71,7 +71,7 @@ pub fn run(
             let bytes = queue.bytes();
             queue_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
             for machine in &mut *machines {
-                machine.publish(bytes);
+                machine.tick(bytes);
             }
             publish_at = now + PUBLISH_EVERY;
         }

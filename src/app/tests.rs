@@ -2,6 +2,8 @@
 
 use super::build::StartError;
 use super::daemon::Daemon;
+use super::keeper::Keeper;
+use super::keeper::MachineKeeper;
 use super::link::Input;
 use super::link::Link;
 use super::link::ShardQueue;
@@ -11,11 +13,13 @@ use super::shard;
 use super::shard::Heartbeat;
 use super::source;
 use super::stop::Stop;
+use crate::alarms::AlarmEngine;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
 use crate::capture::hints::Hints;
 use crate::config::Config;
+use crate::config::Store;
 use crate::ingest::replay;
 use crate::ingest::replay::ReplayError;
 use crate::ingest::replay::Speed;
@@ -30,6 +34,10 @@ use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
+use crate::store::Archive;
+use crate::store::StateStore;
+use crate::store::StreamKey;
+use crate::store::sqlite;
 use crate::telemetry::Metrics;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -37,6 +45,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 use std::thread::JoinHandle;
+use tempfile::TempDir;
 use tokio::sync::oneshot;
 use tokio::sync::watch;
 
@@ -89,16 +98,29 @@ fn stream(seconds: u64) -> Stream {
 }
 
 /// A shard with one machine, on its thread.
-struct Running {
+pub(super) struct Running {
     queue: Arc<ShardQueue>,
-    link: Link,
-    view: watch::Receiver<Arc<MachineView>>,
+    pub(super) link: Link,
+    pub(super) view: watch::Receiver<Arc<MachineView>>,
     metrics: Arc<Metrics>,
     shard: JoinHandle<()>,
+    _store: TempDir,
 }
 
 /// Starts a shard whose queue takes `queue_bytes`.
 fn running(queue_bytes: usize) -> Running {
+    let folder = TempDir::new().unwrap();
+    let (store, archive) = sqlite::open(folder.path()).unwrap();
+    running_on(queue_bytes, folder, Box::new(store), Arc::new(archive))
+}
+
+/// Starts a shard over a store in `folder`.
+pub(super) fn running_on(
+    queue_bytes: usize,
+    folder: TempDir,
+    store: Box<dyn StateStore>,
+    archive: Arc<dyn Archive>,
+) -> Running {
     let queue = Arc::new(ShardQueue::new(queue_bytes, 4));
     let link = Link::new(Arc::clone(&queue), 0);
     let metrics = Arc::new(Metrics::new());
@@ -108,24 +130,38 @@ fn running(queue_bytes: usize) -> Running {
         SpeedHints::default(),
         &Config::default().monitor,
     );
-    let opened =
-        Opened { monitor: Some(monitor.unwrap()), source: SourceState::Starting, start_time: None };
+    let (keeper, keeping) = Keeper::new(store, archive, metrics.store());
+    let opened = Opened {
+        monitor: Some(monitor.unwrap()),
+        source: SourceState::Starting,
+        start_time: None,
+        is_live: false,
+        alarms: AlarmEngine::new("rig-1", Config::default().monitor.alarms),
+        alarm_events: Vec::new(),
+        keeper: MachineKeeper::new(keeper, "rig-1", StreamKey::default(), true),
+    };
+    thread::spawn(move || keeping.run());
     let (monitored, view) =
         Monitored::new(machine("rig-1"), opened, Arc::clone(link.losses()), &metrics);
     let (shard_queue, gauge) = (Arc::clone(&queue), metrics.queue_bytes(0));
     let shard = thread::spawn(move || {
         shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);
     });
-    Running { queue, link, view, metrics, shard }
+    Running { queue, link, view, metrics, shard, _store: folder }
 }
 
 impl Running {
     /// Waits for the snapshot that shows `state`.
     fn wait_for(&mut self, state: &SourceState) -> Arc<MachineView> {
-        let found =
-            tokio::runtime::Builder::new_current_thread().build().unwrap().block_on(async {
-                self.view.wait_for(|view| view.source == *state).await.map(|v| v.clone())
-            });
+        self.wait_until(|view| view.source == *state)
+    }
+
+    /// Waits for a snapshot.
+    pub(super) fn wait_until(&mut self, is_it: impl Fn(&MachineView) -> bool) -> Arc<MachineView> {
+        let found = tokio::runtime::Builder::new_current_thread()
+            .build()
+            .unwrap()
+            .block_on(async { self.view.wait_for(|view| is_it(view)).await.map(|v| v.clone()) });
         found.unwrap()
     }
 
@@ -133,7 +169,7 @@ impl Running {
         source::run(settings, &mut || Ok(stream(seconds)), &self.link, &Stop::default(), None);
     }
 
-    fn end(self) {
+    pub(super) fn end(self) {
         self.queue.close();
         self.shard.join().unwrap();
     }
@@ -239,7 +275,9 @@ fn machines_are_dealt_out_by_load_and_always_alike() {
 #[test]
 fn a_taken_port_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let config = Config { bind: taken.local_addr().unwrap(), ..Config::default() };
+    let folder = TempDir::new().unwrap();
+    let store = Store { directory: folder.path().to_owned(), ..Config::default().store };
+    let config = Config { bind: taken.local_addr().unwrap(), store, ..Config::default() };
     let error = Daemon::start(&config).unwrap_err();
     assert!(matches!(error, StartError::Bind { address, .. } if address == config.bind));
 }

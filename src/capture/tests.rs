@@ -407,6 +407,7 @@ fn machine_with(sensors: Vec<Sensor>) -> Machine {
         gears: Vec::new(),
         sensors,
         limits: Limits::default(),
+        alarm_limits: crate::machine::alarm_limit::AlarmLimits::default(),
         capture_map: std::collections::BTreeMap::new(),
         notes: Vec::new(),
     }

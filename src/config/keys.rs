@@ -56,6 +56,8 @@ pub const KEYS: &[Key] = &[
     key("alarms", "on_delay_s", Kind::Number(0.0, 86_400.0)),
     key("alarms", "off_delay_s", Kind::Number(0.0, 86_400.0)),
     key("alarms", "history_len", Kind::Whole(1, 100_000)),
+    key("alarms", "missing_after_s", Kind::Number(0.5, 86_400.0)),
+    key("alarms", "max_shelving_s", Kind::Number(1.0, 31_536_000.0)),
     key("machine", "file", Kind::Text),
     key("machine", "baseline", Kind::Texts),
     key("source", "kind", Kind::Text),

@@ -61,6 +61,8 @@ pub(super) struct Alarms {
     pub(super) on_delay_s: Option<f64>,
     pub(super) off_delay_s: Option<f64>,
     pub(super) history_len: Option<usize>,
+    pub(super) missing_after_s: Option<f64>,
+    pub(super) max_shelving_s: Option<f64>,
 }
 
 /// `[[machine]]`

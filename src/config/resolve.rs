@@ -419,5 +419,7 @@ fn alarm_settings(raw: &raw::Alarms, default: &alarms::Settings) -> alarms::Sett
         on_delay_s: raw.on_delay_s.unwrap_or(default.on_delay_s),
         off_delay_s: raw.off_delay_s.unwrap_or(default.off_delay_s),
         history_len: raw.history_len.unwrap_or(default.history_len),
+        missing_after_s: raw.missing_after_s.unwrap_or(default.missing_after_s),
+        max_shelving_s: raw.max_shelving_s.unwrap_or(default.max_shelving_s),
     }
 }

@@ -222,7 +222,13 @@ function showAlarms(alarms) {
         const { author, comment } = alarm.acknowledgement;
         item.append(element("p", `Acknowledged by ${author}${comment ? `: ${comment}` : ""}`));
       }
-      if (alarm.state !== "acknowledged") item.append(acknowledgeForm(alarm));
+      if (alarm.silenced) {
+        const { author, comment, until } = alarm.silenced;
+        const end = until ? ` until ${until}` : "";
+        item.append(element("p", `${words(alarm.state)} by ${author}${end}${comment ? `: ${comment}` : ""}`));
+      }
+      const asks = ["unacknowledged", "returned_unacknowledged"].includes(alarm.state);
+      if (asks) item.append(acknowledgeForm(alarm));
       return item;
     });
     byId("alarms").replaceChildren(...(items.length ? items : [element("li", "No alarm stands.")]));

@@ -8,6 +8,7 @@ use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
 use super::gear;
+use super::limit;
 use super::lines::LineReader;
 use super::overall;
 use super::reception;
@@ -76,6 +77,11 @@ impl Extractor {
         let machine = Arc::clone(&self.machine);
         let mut sensors = self.read_sensors(window);
         let mut traces = self.vibration_traces(window, &sensors);
+        for trace in &mut traces {
+            let unit = self.channels[trace.channel.0].unit;
+            let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
+            trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
+        }
         let mut speed = self.speed(window, &sensors, &traces);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
@@ -93,6 +99,12 @@ impl Extractor {
                     first,
                     &mut self.cache,
                 ));
+                let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
+                trace.features.extend(limit::orders(&machine, sensor, run, first, info.unit));
+                let run = (trace.all.samples, info.sample_rate);
+                let (start_s, phase) = (trace.start_s(), speed.phase.as_ref());
+                let found = limit::vector(&machine, sensor, run, start_s, phase, info.unit);
+                trace.features.extend(found);
             }
             let mut reader = LineReader::new(&machine, first);
             for trace in &traces {

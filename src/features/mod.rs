@@ -18,6 +18,7 @@ pub mod reach;
 pub mod lines;
 pub mod absolute;
 pub mod gear;
+pub mod limit;
 pub mod extract;
 
 use crate::signal::ChannelIndex;

@@ -12,6 +12,7 @@ pub mod gear;
 pub mod motor;
 pub mod sensor;
 pub mod limits;
+pub mod alarm_limit;
 pub mod train;
 pub mod kinematics;
 pub mod file;
@@ -19,6 +20,7 @@ pub mod report;
 
 use std::collections::BTreeMap;
 
+use alarm_limit::AlarmLimits;
 use bearing::Bearing;
 use gear::GearMesh;
 use limits::Limits;
@@ -65,8 +67,10 @@ pub struct Machine {
     pub gears: Vec<GearMesh>,
     /// Sensors, one a channel.
     pub sensors: Vec<Sensor>,
-    /// Optional limits.
+    /// Optional limits of the diagnosis.
     pub limits: Limits,
+    /// Limits that raise alarms of their own.
+    pub alarm_limits: AlarmLimits,
     /// `[capture.map]`: channel name to the place of its samples in foreign captures
     /// (`/path[,column=K][,rate=HZ][,unit=U]`), not yet read.
     pub capture_map: BTreeMap<String, String>,

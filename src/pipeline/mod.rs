@@ -7,6 +7,7 @@ mod windows;
 
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::limit::Measured;
 use crate::buffer::Ring;
 use crate::buffer::RingStatus;
 use crate::diagnosis::Context;
@@ -141,7 +142,7 @@ impl Monitor {
             baseline: settings.baseline.clone(),
             provisional: Vec::new(),
             rejected: Vec::new(),
-            alarms: AlarmEngine::new(settings.alarms.clone()),
+            alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
             settings,
             machine,
             channels,
@@ -268,7 +269,16 @@ impl Monitor {
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
         let mut diagnosis = summary::of_window(&self.machine.id, &judged);
         self.add_stream_facts(&mut diagnosis);
-        let alarm_events = self.alarms.observe(&diagnosis, time_s.1);
+        let measured = Measured {
+            operating: diagnosis.operating_state,
+            speed: features.speed.first,
+            channels: &features.channels,
+            baseline: &baseline,
+        };
+        let sensors = features.sensors.iter();
+        let absent: Vec<_> = sensors.filter(|s| s.absent.is_some()).map(|s| s.channel).collect();
+        let alarm_events =
+            self.alarms.observe_window(&diagnosis, time_s.1, Some(&measured), &absent);
         let mut shown = features.channels.clone();
         for channel in &mut shown {
             let name = &self.channels[channel.channel.0].name;

@@ -16,6 +16,7 @@ mod foreign;
 mod rubbish;
 mod recordings;
 mod recorder;
+mod kill;
 mod page;
 mod diagnose;
 mod evaluate;

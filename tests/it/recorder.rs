@@ -194,7 +194,8 @@ fn what_was_left_open_is_recovered_even_if_nothing_is_recorded_any_more() {
 #[test]
 fn a_disk_that_refuses_stops_the_recording_and_not_the_analysis() {
     let dir = folder("", "");
-    fs::write(dir.path().join("data"), "a file where the store should be").unwrap();
+    fs::create_dir(dir.path().join("data")).unwrap();
+    fs::write(dir.path().join("data/recordings"), "a file where a folder should be").unwrap();
     let daemon = Daemon::start_in(dir);
     daemon.wait_finished("rig-1");
     let (_, system) = daemon.get_json("/api/v1/system");

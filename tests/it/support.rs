@@ -80,6 +80,12 @@ pub(crate) fn folder(config: &str, files: &[(&str, &[u8])]) -> TempDir {
 
 /// Writes a capture of channel `right_x`, m/s², whose sample i is i / 1000, as `name` in `dir`.
 pub(crate) fn write_ramp(dir: &TempDir, name: &str, rate_hz: f64, n_samples: u32) {
+    let samples: Vec<f64> = (0..n_samples).map(|i| f64::from(i) / 1e3).collect();
+    write_samples(dir, name, rate_hz, &samples);
+}
+
+/// Writes a capture of channel `right_x`, m/s², as `name` in `dir`.
+pub(crate) fn write_samples(dir: &TempDir, name: &str, rate_hz: f64, samples: &[f64]) {
     let mut writer =
         CaptureWriter::create(&dir.path().join(name), &CaptureHeader::default()).unwrap();
     let header = ChannelHeader {
@@ -89,8 +95,7 @@ pub(crate) fn write_ramp(dir: &TempDir, name: &str, rate_hz: f64, n_samples: u32
         sensor: None,
         storage: ChannelStorage::Contiguous,
     };
-    let samples: Vec<f64> = (0..n_samples).map(|i| f64::from(i) / 1e3).collect();
-    writer.channel(&header, ChannelSamples::F64(&samples)).unwrap();
+    writer.channel(&header, ChannelSamples::F64(samples)).unwrap();
     writer.finish().unwrap();
 }
 

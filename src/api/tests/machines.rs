@@ -143,5 +143,5 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 19);
+    assert_eq!(n_paths, 27);
 }

@@ -170,11 +170,15 @@ names! {
 
 names! {
     /// State of an alarm (ISA-18.2).
-    AlarmStateName of alarms::state::AlarmState {
+    AlarmStateName of alarms::state::ShownState {
         Normal = "normal",
         Unacknowledged = "unacknowledged",
         Acknowledged = "acknowledged",
         ReturnedUnacknowledged = "returned_unacknowledged",
+        Latched = "latched",
+        Shelved = "shelved",
+        Suppressed = "suppressed",
+        OutOfService = "out_of_service",
     }
 }
 
@@ -186,7 +190,15 @@ names! {
         DeEscalated = "de_escalated",
         Returned = "returned",
         Acknowledged = "acknowledged",
+        Latched = "latched",
+        Reset = "reset",
         Cleared = "cleared",
+        Shelved = "shelved",
+        Unshelved = "unshelved",
+        Suppressed = "suppressed",
+        Unsuppressed = "unsuppressed",
+        RemovedFromService = "removed_from_service",
+        ReturnedToService = "returned_to_service",
     }
 }
 
@@ -211,7 +223,7 @@ mod tests {
         check(verdict::DataQuality::name);
         check(score::Outcome::name);
         check(alarms::Level::name);
-        check(alarms::state::AlarmState::name);
+        check(alarms::state::ShownState::name);
         check(alarms::EventKind::name);
     }
 }

@@ -29,8 +29,23 @@ pub struct SystemWire {
     pub configuration_hash: Option<String>,
     /// When the daemon started, wall clock.
     pub started_at: Option<String>,
+    /// How the store of alarms is doing; null without one.
+    pub store: Option<StoreWire>,
     /// One entry a machine.
     pub streams: Vec<StreamWire>,
+}
+
+/// How the store of alarms is doing.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct StoreWire {
+    /// Why nothing can be stored at the moment; null if all is well.
+    pub failure: Option<String>,
+    /// Alarm events stored since the daemon started.
+    pub stored: u64,
+    /// Alarm events that wait for the store to recover.
+    pub waiting: u64,
+    /// Alarm events that will never be stored.
+    pub lost: u64,
 }
 
 /// How a machine's stream is doing.

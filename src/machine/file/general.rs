@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use super::limits;
 use super::parts::{self, ShaftDraft};
 use super::range::NumberRange;
 use super::reader::{Ids, Need, Section, TextRule};
 use super::sensors;
 use crate::machine::Machine;
-use crate::machine::limits::{IsoGroup, Limits};
+use crate::machine::limits::IsoGroup;
 use crate::machine::sensor::Sensor;
 
 /// Rule of identifiers: they appear in paths of the HTTP interface and in file names.
@@ -45,9 +46,6 @@ const MAP_PLACE: TextRule = TextRule {
     allowed: "\"/path[,column=K][,rate=HZ][,unit=U]\", up to 1000 characters",
 };
 
-/// Velocities of limits, mm/s.
-const VELOCITY_MM_PER_S: NumberRange = NumberRange::positive_up_to(10_000.0);
-
 /// Whether a text has 1 to `max_chars` characters and no control characters.
 pub(super) fn is_plain(text: &str, max_chars: usize) -> bool {
     !text.is_empty()
@@ -66,7 +64,7 @@ pub(super) fn read(mut root: Section<'_>) -> Option<Machine> {
     let motor_sections = root.tables("motor", Need::Optional);
     let mut gear_sections = root.tables("gear", Need::Optional);
     let mut sensor_sections = root.tables("sensor", Need::Optional);
-    let limits = root.table("limits", Need::Optional).map(read_limits).unwrap_or_default();
+    let limits = root.table("limits", Need::Optional);
     let capture = root.table("capture", Need::Optional);
     let capture_map = capture.map(read_capture).unwrap_or_default();
     root.finish();
@@ -96,6 +94,15 @@ pub(super) fn read(mut root: Section<'_>) -> Option<Machine> {
     });
     let shafts = parts::join_train(drafts, gear_links);
 
+    let parts = limits::Parts {
+        shafts: &shaft_ids,
+        channels: &channels,
+        sensors: &sensors,
+        iso_group: head.as_ref().and_then(|(_, _, iso_group, _)| *iso_group),
+    };
+    let (limits, alarm_limits) =
+        limits.map(|section| limits::read(section, &parts)).unwrap_or_default();
+
     let (id, name, iso_group, power_kw) = head?;
     let id = id?;
     Some(Machine {
@@ -109,6 +116,7 @@ pub(super) fn read(mut root: Section<'_>) -> Option<Machine> {
         gears: gears.into_iter().collect::<Option<_>>()?,
         sensors: sensors.into_iter().collect::<Option<_>>()?,
         limits,
+        alarm_limits,
         capture_map,
         notes: Vec::new(),
     })
@@ -134,21 +142,6 @@ fn read_head(mut section: Section<'_>) -> Head {
     let power_kw = section.number("power_kw", Need::Optional, power);
     section.finish();
     (id, name, iso_group, power_kw)
-}
-
-fn read_limits(mut section: Section<'_>) -> Limits {
-    let mut velocity = |key| section.number(key, Need::Optional, VELOCITY_MM_PER_S);
-    let limits = Limits {
-        velocity_rms_warning_mm_per_s: velocity("velocity_rms_warning_mm_per_s"),
-        velocity_rms_damaged_mm_per_s: velocity("velocity_rms_damaged_mm_per_s"),
-    };
-    let ends = limits.velocity_rms_warning_mm_per_s.zip(limits.velocity_rms_damaged_mm_per_s);
-    if let Some((warning, _)) = ends.filter(|(warning, damaged)| warning >= damaged) {
-        let allowed = format!("a number above velocity_rms_warning_mm_per_s = {warning}");
-        section.refuse("velocity_rms_damaged_mm_per_s", allowed);
-    }
-    section.finish();
-    limits
 }
 
 fn read_capture(mut section: Section<'_>) -> BTreeMap<String, String> {

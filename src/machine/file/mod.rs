@@ -12,6 +12,7 @@ pub(crate) mod errors;
 pub(crate) mod range;
 pub(crate) mod reader;
 pub(crate) mod general;
+mod limits;
 mod parts;
 mod sensors;
 
@@ -98,3 +99,5 @@ pub(crate) fn parse_document<'t>(text: &'t str, log: &mut Log<'t>) -> Option<DeT
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod limits_tests;

@@ -185,6 +185,47 @@ impl<'s> Section<'s> {
         index
     }
 
+    /// The places of the tables whose identifiers are listed here, each once.
+    pub(crate) fn references(
+        &mut self,
+        key: &'static str,
+        need: Need,
+        ids: &Ids<'s>,
+    ) -> Option<Vec<usize>> {
+        let what = format!("a list of ids of [[{}]], each once{}", ids.name, ids.listed());
+        let value = self.value(key, need, &what)?;
+        let place =
+            |entry: &Spanned<DeValue<'_>>| ids.by_id.get(entry.get_ref().as_str()?).copied();
+        let places = value
+            .get_ref()
+            .as_array()
+            .and_then(|list| list.iter().map(place).collect::<Option<Vec<usize>>>())
+            .filter(|places| {
+                places.iter().enumerate().all(|(n, place)| !places[..n].contains(place))
+            });
+        self.or_refuse(key, places, &what)
+    }
+
+    /// A list of one or more of some words.
+    pub(crate) fn words(
+        &mut self,
+        key: &'static str,
+        words: &[&'static str],
+    ) -> Option<Vec<&'static str>> {
+        let what = format!("a list of one or more of {}", words.join(", "));
+        let value = self.value(key, Need::Optional, &what)?;
+        let word = |entry: &Spanned<DeValue<'_>>| {
+            let text = entry.get_ref().as_str()?;
+            words.iter().copied().find(|word| *word == text)
+        };
+        let found = value
+            .get_ref()
+            .as_array()
+            .and_then(|list| list.iter().map(word).collect::<Option<Vec<_>>>())
+            .filter(|found| !found.is_empty());
+        self.or_refuse(key, found, &what)
+    }
+
     /// `[low, high]`, two numbers of `range`, low < high.
     pub(crate) fn interval(&mut self, key: &'static str, range: NumberRange) -> Option<(f64, f64)> {
         let allowed = format!("[low, high], each {range}, low below high");

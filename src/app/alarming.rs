@@ -1,0 +1,143 @@
+//! The alarms of a machine on its shard: gives their engine the clocks and what only the shell sees,
+//! sends what happens to the store, counts and logs it.
+
+use super::keeper::MachineKeeper;
+use crate::alarms::Act;
+use crate::alarms::Alarm;
+use crate::alarms::AlarmEngine;
+use crate::alarms::AlarmEvent;
+use crate::alarms::DataFlow;
+use crate::alarms::load;
+use crate::alarms::load::Load;
+use crate::alarms::state::AlarmState;
+use crate::api::view::ActFailure;
+use crate::api::view::SourceState;
+use crate::telemetry::AlarmLoadMetrics;
+use prometheus_client::metrics::counter::Counter;
+use std::time::Instant;
+use tokio::sync::oneshot;
+
+/// What the alarms of a machine need besides their engine.
+#[derive(Debug)]
+pub(super) struct Alarming {
+    machine: String,
+    keeper: MachineKeeper,
+    /// Whether silence of the source is a fault: a replay may wait for its next segment.
+    is_live: bool,
+    last_block: Instant,
+    transitions: Counter,
+    metrics: AlarmLoadMetrics,
+}
+
+impl Alarming {
+    pub(super) fn new(
+        machine: &str,
+        keeper: MachineKeeper,
+        is_live: bool,
+        transitions: Counter,
+        metrics: AlarmLoadMetrics,
+    ) -> Self {
+        let machine = machine.to_owned();
+        Self { machine, keeper, is_live, last_block: super::now(), transitions, metrics }
+    }
+
+    /// A block has come.
+    pub(super) fn note_block(&mut self, arrived: Instant) {
+        self.last_block = arrived;
+    }
+
+    /// Takes in that time has passed.
+    pub(super) fn tick(
+        &mut self,
+        engine: &mut AlarmEngine,
+        source: &SourceState,
+        is_waiting: bool,
+        stream_s: f64,
+    ) {
+        let flow = match source {
+            SourceState::Failed(why) => DataFlow::Failed(why),
+            SourceState::Running if self.is_live && !is_waiting => {
+                let silent = super::now().saturating_duration_since(self.last_block);
+                DataFlow::SilentFor(silent.as_secs_f64())
+            }
+            SourceState::Starting | SourceState::Running | SourceState::Finished => {
+                DataFlow::Flowing
+            }
+        };
+        let now = self.keeper.clock().moment(stream_s);
+        let events = engine.tick(now, flow, self.keeper.failure_to_tell().as_deref());
+        self.keep(engine, events, stream_s);
+        self.keeper.repair(engine, stream_s);
+    }
+
+    /// Sends what happened to the store.
+    pub(super) fn keep(&mut self, engine: &AlarmEngine, events: Vec<AlarmEvent>, stream_s: f64) {
+        if !events.is_empty() {
+            self.note(&events);
+            self.keeper.keep(engine, events, stream_s, None);
+        }
+    }
+
+    /// Lets an operator act. Who asked is answered when the act is stored, or why it is not; `publish`
+    /// runs before, so that who asked sees the act in the next snapshot.
+    pub(super) fn act(
+        &mut self,
+        engine: &mut AlarmEngine,
+        act: &Act,
+        stream_s: f64,
+        publish: impl FnOnce(&AlarmEngine),
+        reply: oneshot::Sender<Result<Alarm, ActFailure>>,
+    ) {
+        let done = engine.act(act, self.keeper.clock().moment(stream_s));
+        publish(engine);
+        match done {
+            // Who asked may have gone: then the answer is dropped, here and below.
+            Err(error) => drop(reply.send(Err(error.into()))),
+            Ok((alarm, events)) => {
+                self.note(&events);
+                let answer = move |stored: Result<(), String>| {
+                    let answer = stored.map(|()| alarm).map_err(ActFailure::NotStored);
+                    drop(reply.send(answer));
+                };
+                self.keeper.keep(engine, events, stream_s, Some(Box::new(answer)));
+            }
+        }
+    }
+
+    /// Counts what the standing alarms ask of an operator.
+    pub(super) fn load(&self, engine: &AlarmEngine, standing: &[Alarm], stream_s: f64) -> Load {
+        let load = load::of(engine.history(), standing, stream_s);
+        let set = |gauge: &prometheus_client::metrics::gauge::Gauge, n: usize| {
+            gauge.set(i64::try_from(n).unwrap_or(i64::MAX));
+        };
+        let silenced = standing.iter().filter(|alarm| alarm.silencing.is_some()).count();
+        let asking =
+            |alarm: &&Alarm| alarm.silencing.is_none() && alarm.state == AlarmState::Unacknowledged;
+        set(&self.metrics.standing, standing.len());
+        set(&self.metrics.unacknowledged, standing.iter().filter(asking).count());
+        set(&self.metrics.silenced, silenced);
+        set(&self.metrics.last_hour, load.last_hour);
+        set(&self.metrics.last_ten_minutes, load.last_ten_minutes);
+        set(&self.metrics.flood, usize::from(load.is_flood()));
+        set(&self.metrics.chattering, load.chattering.len());
+        set(&self.metrics.stale, load.stale.len());
+        load
+    }
+
+    fn note(&self, events: &[AlarmEvent]) {
+        self.transitions.inc_by(events.len() as u64);
+        for event in events {
+            tracing::warn!(
+                machine = self.machine,
+                alarm = event.alarm.id,
+                component = event.alarm.component,
+                source = event.alarm.source.name(),
+                level = event.alarm.level.name(),
+                transition = event.kind.name(),
+                author = event.by.as_ref().map(|by| by.author.as_str()),
+                stream_time_s = event.time_s,
+                "alarm"
+            );
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! What must survive a restart: alarms, what happened to them, who did what, which configuration ran.
+//!
+//! [`StateStore`] is what the daemon writes and [`Archive`] what it reads; [`sqlite`] is the one place
+//! that knows which database stands behind them. [`writer`] groups what comes into commits and keeps
+//! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
+
+mod names;
+mod rows;
+mod schema;
+pub mod sqlite;
+pub mod writer;
+
+use crate::alarms::Alarm;
+use crate::alarms::AlarmEvent;
+use crate::alarms::Kept;
+use crate::alarms::Moment;
+use crate::signal::Timestamp;
+use std::io;
+use std::path::PathBuf;
+
+/// A stream of a machine, as far as the store must tell it from others.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct StreamKey {
+    /// What makes it the same stream after a restart, such as a capture that is played again; `None`: it
+    /// never comes again.
+    pub identity: Option<String>,
+    /// UTC of stream time 0; `None`: unknown.
+    pub start: Option<Timestamp>,
+}
+
+/// What happened to the alarms of a machine at once: stored as a whole or not at all.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Batch {
+    /// Machine id.
+    pub machine: String,
+    /// Its stream.
+    pub stream: StreamKey,
+    /// When.
+    pub now: Moment,
+    /// Stream time up to which the stream is judged, s; `None`: it is not yet.
+    pub judged_until_s: Option<f64>,
+    /// The events, by rising number.
+    pub events: Vec<AlarmEvent>,
+    /// All alarms that stand, when events before these may be lost.
+    pub standing: Option<Vec<Alarm>>,
+}
+
+/// Which events to read.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct EventQuery {
+    /// Of this machine.
+    pub machine: String,
+    /// With a number below this one.
+    pub before: u64,
+    /// At this time or later; events of streams without a start are at 1970-01-01 and their stream time.
+    pub since: Option<Timestamp>,
+    /// Of this component.
+    pub component: Option<String>,
+    /// Of this alarm.
+    pub alarm: Option<u64>,
+    /// At most so many.
+    pub limit: usize,
+    /// UTC of stream time 0 that the times of the answer shall count from.
+    pub start: Option<Timestamp>,
+}
+
+/// A configuration that ran.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationEntry {
+    /// Its hash.
+    pub hash: String,
+    /// Version of the program.
+    pub version: String,
+    /// When it was first used, UTC.
+    pub since: Timestamp,
+}
+
+/// The writing side.
+pub trait StateStore: Send {
+    /// Stores all batches in one commit; when it returns, they survive a kill. A batch whose events are
+    /// stored already changes nothing.
+    ///
+    /// # Errors
+    /// When they cannot be stored; nothing of them is then.
+    fn keep(&mut self, batches: &[Batch]) -> Result<(), StoreError>;
+
+    /// Notes that a configuration is in use.
+    ///
+    /// # Errors
+    /// When it cannot be stored.
+    fn note_configuration(&mut self, entry: &ConfigurationEntry) -> Result<(), StoreError>;
+}
+
+/// The reading side.
+pub trait Archive: Send + Sync {
+    /// What the engine of a machine goes on with, at most `history_len` events of it.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn load(
+        &self,
+        machine: &str,
+        stream: &StreamKey,
+        now: Moment,
+        history_len: usize,
+    ) -> Result<Kept, StoreError>;
+
+    /// Events, by falling number.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    fn events(&self, query: &EventQuery) -> Result<Vec<AlarmEvent>, StoreError>;
+
+    /// Number of the oldest event held of a machine; `None`: none is held.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn oldest(&self, machine: &str) -> Result<Option<u64>, StoreError>;
+
+    /// Configurations that ran, newest first.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    fn configurations(&self) -> Result<Vec<ConfigurationEntry>, StoreError>;
+}
+
+/// Why the store cannot be opened, written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The folder cannot be made or written.
+    #[error(
+        "the store's folder {} cannot be used: choose another in [store] directory, or give this user \
+         the right to write there",
+        directory.display()
+    )]
+    Folder {
+        /// The folder.
+        directory: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Another process has it.
+    #[error(
+        "{} is in use by another process: a store belongs to one daemon, end the other or choose \
+         another [store] directory",
+        file.display()
+    )]
+    InUse {
+        /// The lock.
+        file: PathBuf,
+    },
+    /// It is damaged.
+    #[error(
+        "{} is damaged ({found}): restore a backup{}, or move it and its -wal and -shm away to begin with \
+         no alarms and no history",
+        file.display(),
+        named(backup.as_ref())
+    )]
+    Corrupt {
+        /// The database.
+        file: PathBuf,
+        /// What was found.
+        found: String,
+        /// A backup beside it.
+        backup: Option<PathBuf>,
+    },
+    /// It is no store of this program.
+    #[error("{} is a database of another program: choose another [store] directory", file.display())]
+    Foreign {
+        /// The database.
+        file: PathBuf,
+    },
+    /// A newer program wrote it.
+    #[error(
+        "{} has schema {found}, and this program knows up to {known}: start the newer program, or restore \
+         the backup that it made before it changed the schema{}",
+        file.display(),
+        named(backup.as_ref())
+    )]
+    Newer {
+        /// The database.
+        file: PathBuf,
+        /// Its schema.
+        found: u32,
+        /// The newest schema known.
+        known: u32,
+        /// A backup beside it that this program can read.
+        backup: Option<PathBuf>,
+    },
+    /// The schema cannot be brought up to date; the database is unchanged.
+    #[error("{} cannot be brought from schema {from} to {to}, it is unchanged", file.display())]
+    Migration {
+        /// The database.
+        file: PathBuf,
+        /// Its schema.
+        from: u32,
+        /// The wanted one.
+        to: u32,
+        /// Why.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A row says what this program does not know.
+    #[error("the store holds {what} {found:?}, which this program does not know")]
+    Unknown {
+        /// What it should be.
+        what: &'static str,
+        /// What was found.
+        found: String,
+    },
+    /// The database refused.
+    #[error("{doing} failed: {source}")]
+    Database {
+        /// What was attempted.
+        doing: &'static str,
+        /// Why.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}
+
+fn named(backup: Option<&PathBuf>) -> String {
+    backup.map_or(String::new(), |backup| format!(" ({})", backup.display()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,113 @@
+//! Schemas of the state database, one migration each, and how a database is brought up to date.
+
+use super::StoreError;
+use rusqlite::Connection;
+use std::fs;
+use std::path::Path;
+use std::path::PathBuf;
+
+/// Marks a database as ours: "rotw".
+pub(super) const APPLICATION_ID: u32 = 0x726f_7477;
+
+/// What leads from each schema to the next; the first from an empty database. Released ones never
+/// change.
+const MIGRATIONS: &[&str] = &[
+    // 1: alarms and what happened to them. Times in s are stream time, counted from start_utc; UTC in ns.
+    "CREATE TABLE transition (
+        machine TEXT NOT NULL, sequence INTEGER NOT NULL, event TEXT NOT NULL, time_s REAL NOT NULL,
+        recorded_utc INTEGER NOT NULL, author TEXT, comment TEXT, start_utc INTEGER,
+        number INTEGER NOT NULL, component TEXT NOT NULL, kind TEXT NOT NULL, source TEXT NOT NULL,
+        limit_id TEXT, level TEXT NOT NULL, state TEXT NOT NULL, silence TEXT, silence_author TEXT,
+        silence_comment TEXT, silence_since_s REAL, until_utc INTEGER, remaining_s REAL,
+        latching INTEGER NOT NULL, fault TEXT, why TEXT NOT NULL, severity REAL, confidence REAL,
+        raised_at_s REAL NOT NULL, active_since_s REAL NOT NULL, changed_at_s REAL NOT NULL,
+        occurrences INTEGER NOT NULL, ack_author TEXT, ack_comment TEXT, ack_time_s REAL,
+        UNIQUE (machine, sequence));
+     CREATE INDEX transition_of_alarm ON transition (machine, number, sequence);
+     CREATE TABLE alarm (
+        machine TEXT NOT NULL, start_utc INTEGER,
+        number INTEGER NOT NULL, component TEXT NOT NULL, kind TEXT NOT NULL, source TEXT NOT NULL,
+        limit_id TEXT, level TEXT NOT NULL, state TEXT NOT NULL, silence TEXT, silence_author TEXT,
+        silence_comment TEXT, silence_since_s REAL, until_utc INTEGER, remaining_s REAL,
+        latching INTEGER NOT NULL, fault TEXT, why TEXT NOT NULL, severity REAL, confidence REAL,
+        raised_at_s REAL NOT NULL, active_since_s REAL NOT NULL, changed_at_s REAL NOT NULL,
+        occurrences INTEGER NOT NULL, ack_author TEXT, ack_comment TEXT, ack_time_s REAL,
+        PRIMARY KEY (machine, number)) WITHOUT ROWID;
+     CREATE TABLE stream (
+        machine TEXT PRIMARY KEY, identity TEXT, judged_until_s REAL, last_sequence INTEGER NOT NULL,
+        last_number INTEGER NOT NULL) WITHOUT ROWID;",
+    // 2: who did what, and which configuration ran.
+    "CREATE TABLE audit (
+        id INTEGER PRIMARY KEY, recorded_utc INTEGER NOT NULL, author TEXT NOT NULL, action TEXT NOT NULL,
+        machine TEXT, number INTEGER, comment TEXT NOT NULL);
+     INSERT INTO audit (recorded_utc, author, action, machine, number, comment)
+        SELECT recorded_utc, author, event, machine, number, coalesce(comment, '') FROM transition
+        WHERE author IS NOT NULL ORDER BY rowid;
+     CREATE TABLE configuration (
+        id INTEGER PRIMARY KEY, hash TEXT NOT NULL, version TEXT NOT NULL, since_utc INTEGER NOT NULL);",
+];
+
+/// The newest schema.
+pub(super) fn newest() -> u32 {
+    u32::try_from(MIGRATIONS.len()).unwrap_or(u32::MAX)
+}
+
+/// Where the backup of a database of schema `version` is put before it is changed.
+pub(super) fn backup_of(file: &Path, version: u32) -> PathBuf {
+    file.with_extension(format!("schema-{version}.db"))
+}
+
+/// The newest backup beside a database that this program can read.
+pub(super) fn readable_backup(file: &Path) -> Option<PathBuf> {
+    (1..=newest()).rev().map(|version| backup_of(file, version)).find(|backup| backup.is_file())
+}
+
+/// Brings a database to schema `to`, after a backup if it holds anything.
+pub(super) fn migrate(connection: &mut Connection, file: &Path, to: u32) -> Result<(), StoreError> {
+    let from: u32 = connection
+        .query_row("PRAGMA user_version", (), |row| row.get(0))
+        .map_err(|source| super::sqlite::failed("reading the schema", source))?;
+    if from > to {
+        let backup = readable_backup(file);
+        return Err(StoreError::Newer { file: file.to_owned(), found: from, known: to, backup });
+    }
+    if from == to {
+        return Ok(());
+    }
+    let done = if from == 0 { Ok(()) } else { back_up(connection, &backup_of(file, from)) };
+    done.and_then(|()| step(connection, from, to)).map_err(|source| StoreError::Migration {
+        file: file.to_owned(),
+        from,
+        to,
+        source,
+    })
+}
+
+type AnyError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Writes a consistent copy; an older one of the same schema gives way.
+fn back_up(connection: &Connection, backup: &Path) -> Result<(), AnyError> {
+    let half = backup.with_extension("part");
+    for stale in [&half, backup] {
+        if stale.exists() {
+            fs::remove_file(stale)?;
+        }
+    }
+    connection.execute("VACUUM INTO ?1", [half.to_string_lossy()])?;
+    fs::File::open(&half)?.sync_all()?;
+    fs::rename(&half, backup)?;
+    Ok(())
+}
+
+/// All steps in one transaction: it happens as a whole or not at all.
+fn step(connection: &mut Connection, from: u32, to: u32) -> Result<(), AnyError> {
+    let transaction = connection.transaction()?;
+    let (skip, end) = (usize::try_from(from)?, usize::try_from(to)?);
+    for migration in MIGRATIONS.iter().take(end).skip(skip) {
+        transaction.execute_batch(migration)?;
+    }
+    transaction.pragma_update(None, "user_version", to)?;
+    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+    transaction.commit()?;
+    Ok(())
+}

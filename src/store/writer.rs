@@ -1,0 +1,183 @@
+//! Groups what happens into commits, answers after them, and keeps what could not be stored.
+//!
+//! Pure but for the store behind it: the thread, its queue and the clock belong to `app`. While the store
+//! refuses, batches wait in memory, bounded in events; beyond that the oldest are lost and counted, and
+//! whoever sends them is told to send all standing alarms with the next batch.
+
+use super::Batch;
+use super::StateStore;
+use super::StoreError;
+use std::collections::VecDeque;
+use std::error::Error;
+use std::sync::Mutex;
+use std::sync::MutexGuard;
+use std::sync::PoisonError;
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering;
+
+/// Events that may wait while the store refuses.
+pub const MAX_WAITING: usize = 20_000;
+
+/// What is done when a batch is stored, or why it is not yet.
+pub type Done = Box<dyn FnOnce(Result<(), String>) + Send>;
+
+/// A batch on its way to the store.
+pub struct Job {
+    /// What happened.
+    pub batch: Batch,
+    /// Who waits for it to be stored.
+    pub done: Option<Done>,
+}
+
+impl std::fmt::Debug for Job {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Job").field("batch", &self.batch).finish_non_exhaustive()
+    }
+}
+
+/// How the store is doing; shared.
+#[derive(Debug, Default)]
+pub struct Status {
+    failure: Mutex<Option<String>>,
+    n_stored: AtomicU64,
+    n_lost: AtomicU64,
+    n_waiting: AtomicU64,
+}
+
+impl Status {
+    /// Why nothing can be stored at the moment; `None`: it can.
+    #[must_use]
+    pub fn failure(&self) -> Option<String> {
+        self.lock().clone()
+    }
+
+    /// Events stored since the start.
+    #[must_use]
+    pub fn n_stored(&self) -> u64 {
+        self.n_stored.load(Ordering::Relaxed)
+    }
+
+    /// Events that will never be stored.
+    #[must_use]
+    pub fn n_lost(&self) -> u64 {
+        self.n_lost.load(Ordering::Relaxed)
+    }
+
+    /// Events that wait for the store to recover.
+    #[must_use]
+    pub fn n_waiting(&self) -> u64 {
+        self.n_waiting.load(Ordering::Relaxed)
+    }
+
+    /// Counts events that were lost on the way.
+    pub fn count_lost(&self, n_events: usize) {
+        self.n_lost.fetch_add(n_events as u64, Ordering::Relaxed);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<String>> {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Writes to a store.
+pub struct Writer<'s> {
+    store: Box<dyn StateStore>,
+    status: &'s Status,
+    waiting: VecDeque<Batch>,
+    n_waiting: usize,
+    max_waiting: usize,
+}
+
+impl std::fmt::Debug for Writer<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Writer").field("status", &self.status).finish_non_exhaustive()
+    }
+}
+
+impl<'s> Writer<'s> {
+    /// Begins with nothing waiting.
+    #[must_use]
+    pub fn new(store: Box<dyn StateStore>, status: &'s Status) -> Self {
+        Self { store, status, waiting: VecDeque::new(), n_waiting: 0, max_waiting: MAX_WAITING }
+    }
+
+    /// Lets fewer events wait.
+    #[must_use]
+    pub fn with_max_waiting(self, max_waiting: usize) -> Self {
+        Self { max_waiting, ..self }
+    }
+
+    /// Stores jobs, in their order and after all that waited before them, in one commit, and tells who
+    /// waits for each.
+    ///
+    /// # Errors
+    /// When the store refuses; what is within bounds goes on waiting.
+    pub fn take(&mut self, jobs: Vec<Job>) -> Result<(), String> {
+        let mut dones = Vec::new();
+        for Job { batch, done } in jobs {
+            self.n_waiting += batch.events.len();
+            self.waiting.push_back(batch);
+            dones.extend(done);
+        }
+        let stored = self.flush();
+        for done in dones {
+            done(stored.clone());
+        }
+        stored
+    }
+
+    /// Tries to store what waits.
+    ///
+    /// # Errors
+    /// When the store refuses; what is within bounds goes on waiting.
+    pub fn flush(&mut self) -> Result<(), String> {
+        if self.waiting.is_empty() {
+            return Ok(());
+        }
+        let done = self.store.keep(self.waiting.make_contiguous());
+        let answer = done.map_err(|error| with_causes(&error));
+        match &answer {
+            Ok(()) => {
+                self.status.n_stored.fetch_add(self.n_waiting as u64, Ordering::Relaxed);
+                self.waiting.clear();
+                self.n_waiting = 0;
+            }
+            Err(why) => {
+                if self.status.failure().is_none() {
+                    tracing::error!(why, "alarms cannot be stored, they wait in memory");
+                }
+                self.bound();
+            }
+        }
+        self.status.n_waiting.store(self.n_waiting as u64, Ordering::Relaxed);
+        let mut failure = self.status.lock();
+        if answer.is_ok() && failure.is_some() {
+            tracing::warn!("the store has recovered, what waited is stored");
+        }
+        *failure = answer.clone().err();
+        answer
+    }
+
+    /// Loses the oldest batches beyond the bound.
+    fn bound(&mut self) {
+        while self.n_waiting > self.max_waiting {
+            let Some(oldest) = self.waiting.pop_front() else { break };
+            self.n_waiting -= oldest.events.len();
+            self.status.count_lost(oldest.events.len());
+        }
+    }
+}
+
+/// An error's message and those of its causes, each once.
+fn with_causes(error: &StoreError) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let why = error.to_string();
+        if !text.ends_with(&why) {
+            text = format!("{text}: {why}");
+        }
+        cause = error.source();
+    }
+    text
+}
