@@ -10,6 +10,7 @@ use super::absolute::AbsoluteVibration;
 use super::gear;
 use super::lines::LineReader;
 use super::overall;
+use super::plans::Plans;
 use super::sensor;
 use super::sensor::SensorReading;
 use super::shaft;
@@ -22,9 +23,7 @@ use super::trace::Trace;
 use super::turning;
 use crate::dsp::cwt::MorletPlan;
 use crate::dsp::fft::FftCache;
-use crate::dsp::fft::ForwardPlan;
 use crate::dsp::integrate::Quantity;
-use crate::dsp::integrate::VelocityPlan;
 use crate::dsp::stats::Moments;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
@@ -48,7 +47,7 @@ pub struct Extractor {
     hints: SpeedHints,
     /// Channel of each sensor, if the stream has it.
     channel_of_sensor: Vec<Option<ChannelIndex>>,
-    cache: FftCache<f32>,
+    plans: Plans,
 }
 
 impl Extractor {
@@ -60,13 +59,19 @@ impl Extractor {
             .iter()
             .map(|s| channels.iter().position(|c| c.name == s.channel).map(ChannelIndex))
             .collect();
-        Self { machine, channels, hints, channel_of_sensor, cache: FftCache::new() }
+        Self { machine, channels, hints, channel_of_sensor, plans: Plans::new() }
     }
 
     /// Channel of each sensor of the machine, in its order.
     #[must_use]
     pub fn channel_of_sensor(&self) -> &[Option<ChannelIndex>] {
         &self.channel_of_sensor
+    }
+
+    /// The plans kept from window to window. They may be those of another extractor: nothing but time depends on
+    /// them.
+    pub fn plans_mut(&mut self) -> &mut Plans {
+        &mut self.plans
     }
 
     /// Measures one window.
@@ -77,7 +82,7 @@ impl Extractor {
         let mut traces = self.vibration_traces(window, &sensors);
         let mut speed = self.speed(window, &sensors, &traces);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
-        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.cache);
+        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
@@ -89,7 +94,7 @@ impl Extractor {
                     trace,
                     info,
                     first,
-                    &mut self.cache,
+                    self.plans.tables(),
                 ));
             }
             let mut reader = LineReader::new(&machine, first);
@@ -101,12 +106,13 @@ impl Extractor {
                     (trace.channel, trace.rate, range),
                     &trace.x_hat,
                     trace.samples.len(),
-                    &mut self.cache,
+                    &mut self.plans,
                 ));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
         }
-        let gears = gear::read(&machine, &self.channels, &speed, &gear_inputs(&machine, &traces));
+        let inputs = gear_inputs(&machine, &traces);
+        let gears = gear::read(&machine, &self.channels, &speed, &inputs, self.plans.wide_tables());
         for reading in &gears {
             if let Some(trace) = traces.iter_mut().find(|t| t.channel == reading.channel) {
                 trace.features.extend(gear_features(&machine, reading, &self.channels));
@@ -188,9 +194,9 @@ impl Extractor {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
-            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.cache);
+            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
-            trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.cache));
+            trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
             traces.push(trace);
         }
         traces
@@ -267,20 +273,20 @@ impl Extractor {
                 &y.samples,
                 x.rate,
                 reader.top(),
-                &mut self.cache,
+                &mut self.plans,
             );
             let scale =
                 (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
             let sensor = &machine.sensors[pair.x];
             let heard = ((x.channel, y.channel), x.rate, x.range);
-            let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.cache);
+            let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.plans);
             let n = a.samples.len();
-            let mut plan = ForwardPlan::new(n, &mut self.cache);
+            let plan = self.plans.forward(n);
             let mut a_hat = vec![Complex::default(); plan.n_bins()];
             plan.process(&a.samples, &mut a_hat);
             let of_pair = (&a_hat[..], n, a.sample_rate);
             let mut extra =
-                cwt_features(machine, of_pair, info.unit, first, "absolute_", &mut self.cache);
+                cwt_features(machine, of_pair, info.unit, first, "absolute_", self.plans.tables());
             extra.extend(lines.iter().map(|line| Feature {
                 name: Arc::from(absolute::line_name(line.line, &machine.bearing(line.bearing).id)),
                 value: line.amplitude,
@@ -367,7 +373,7 @@ fn velocity(
     samples: &[f32],
     info: &ChannelInfo,
     kind: SensorKind,
-    cache: &mut FftCache<f32>,
+    plans: &mut Plans,
 ) -> Option<Feature> {
     let quantity = match info.unit {
         Unit::MetrePerSecondSquared => Quantity::Acceleration,
@@ -377,7 +383,7 @@ fn velocity(
     if kind == SensorKind::Proximitor {
         return None;
     }
-    let mut plan = VelocityPlan::new(samples.len(), cache);
+    let plan = plans.velocity(samples.len());
     let read = plan.process(samples, info.sample_rate.0, quantity, overall::VELOCITY_BAND_HZ)?;
     Some(Feature {
         name: Arc::from(overall::VELOCITY_RMS),

@@ -87,9 +87,9 @@ pub fn read(
     channels: &[ChannelInfo],
     speed: &Speed,
     inputs: &[Input<'_>],
+    cache: &mut FftCache<f64>,
 ) -> Vec<GearReading> {
     let Some(first) = speed.first.filter(|f| f.0 > 0.0) else { return Vec::new() };
-    let mut cache = FftCache::new();
     let mut found = Vec::new();
     for (g, gear) in machine.gears.iter().enumerate() {
         let mut done: Vec<f64> = Vec::new();
@@ -114,7 +114,7 @@ pub fn read(
                     teeth: member.teeth,
                     max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
-                let read = task.run(input, &track, &mut cache);
+                let read = task.run(input, &track, cache);
                 found.extend(read.map(|r| GearReading {
                     gear: GearIndex(g),
                     shaft: member.shaft,
@@ -258,7 +258,7 @@ mod tests {
             samples: x,
             range: (0, 100_000),
         };
-        let mut found = read(&machine, &[channel], &speed, &[input]);
+        let mut found = read(&machine, &[channel], &speed, &[input], &mut FftCache::new());
         assert_eq!(found.len(), 1, "a 1 : 1 pair is averaged once");
         found.remove(0)
     }
