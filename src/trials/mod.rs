@@ -10,6 +10,7 @@ pub mod motion;
 pub mod rig;
 pub mod stand;
 pub mod vibration;
+pub mod gears;
 
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
