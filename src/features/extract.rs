@@ -443,6 +443,14 @@ fn gear_features(
     let name = gear::local_name(gear, shaft);
     let mut features =
         vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    // An angle that drifts blurs high orders: their amplitudes do not compare.
+    if reading.is_followed {
+        features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
+            name: Arc::from(gear::mesh_name(h, gear, shaft)),
+            value,
+            unit,
+        }));
+    }
     if let Some(value) = reading.figures.fm4 {
         features.push(Feature {
             name: Arc::from(format!("fm4_{gear}_{shaft}")),

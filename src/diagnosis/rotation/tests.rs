@@ -127,6 +127,8 @@ fn gear_reading(persistence: f64) -> GearReading {
         channel: ChannelIndex(1),
         revolutions: 99,
         has_angle: true,
+        is_followed: true,
+        mesh: [1.0; 3],
         figures: GearFigures {
             fm0: None,
             fm4: None,

@@ -37,6 +37,10 @@ const N_SAMPLES: usize = 120_000;
 /// The third mesh harmonic stays below this, Hz.
 const TOP_HZ: f64 = 4800.0;
 
+/// Standard deviation of the speed, relative: with a tacho, and without one, where an average needs it.
+const WANDER: f64 = 1e-3;
+const STEADY: f64 = 2e-5;
+
 /// Id of the pair.
 const PAIR: &str = "pair";
 
@@ -251,10 +255,11 @@ pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
     let machine = Arc::new(machine);
     // Baseline first: its sound sets the scale of both.
     let mut gain = None;
+    let motion = Motion::Wander(if setting.has_tacho { WANDER } else { STEADY });
     let mut record = |kind: Kind, seed: u64| {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let duration_s = N_SAMPLES as f64 / RATE_HZ;
-        let turn = Turn::draw(Motion::Wander(2e-5), pair.speed_hz, duration_s, &mut random);
+        let turn = Turn::draw(motion, pair.speed_hz, duration_s, &mut random);
         let load = random.random_range(0.9..1.1);
         let occasion = Occasion { kind, load, turn };
         let mesh = path.hear(&voice.mesh(&pair, &occasion, &mut random));
