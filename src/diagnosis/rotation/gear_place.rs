@@ -195,3 +195,37 @@ pub(super) fn figures(found: &GearReading, context: &Context<'_>) -> Vec<Evidenc
     };
     figures.into_iter().filter_map(evidence).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    /// Of z teeth with exponential powers, how often the highest exceeds `q` times the mean of all.
+    fn share_above(q: f64, z: u32) -> f64 {
+        const TRIES: u32 = 20_000;
+        let mut random = Pcg64Mcg::seed_from_u64(7);
+        let mut n = 0_u32;
+        for _ in 0..TRIES {
+            let powers = (0..z).map(|_| -random.random_range(f64::MIN_POSITIVE..1.0_f64).ln());
+            let (sum, most) = powers.fold((0.0, 0.0_f64), |(s, m), p| (s + p, m.max(p)));
+            n += u32::from(most * f64::from(z) >= q * sum);
+        }
+        f64::from(n) / f64::from(TRIES)
+    }
+
+    #[test]
+    fn the_chance_of_one_tooth_is_that_of_scattering_teeth() {
+        for (z, q) in [(20_u32, 6.0), (20, 7.0), (60, 8.0), (60, 9.5)] {
+            let zf = f64::from(z);
+            let others = (zf - q) / (zf - 1.0);
+            let told = confidence::cell_tail(q / others, zf - 1.0) * zf;
+            let found = share_above(q, z);
+            // Bonferroni's sum is exact where two teeth cannot both stand out; 4 σ of the count.
+            let sigma = (told / 20_000.0).sqrt();
+            assert!((found - told).abs() < 4.0 * sigma + 0.1 * told, "{z} {q}: {found} {told}");
+        }
+    }
+}
