@@ -312,12 +312,15 @@ impl<T: Real> WithSimd for Unfold<'_, T> {
     }
 }
 
+/// Real and imaginary parts.
+type Lists<'a, T> = (&'a [T], &'a [T]);
+
 /// Bins from Z at them, Z mirrored to them and their half turns, times 2·`half` as the turns are. A function of
 /// its own, so that the lists are known not to overlap.
 #[inline(always)]
 pub(in crate::dsp) fn unfold_lists<T: Real>(
-    ((a_re, a_im), (b_re, b_im)): ((&[T], &[T]), (&[T], &[T])),
-    (cos, sin): (&[T], &[T]),
+    ((a_re, a_im), (b_re, b_im)): (Lists<'_, T>, Lists<'_, T>),
+    (cos, sin): Lists<'_, T>,
     half: T,
     re: &mut [T],
     im: &mut [T],

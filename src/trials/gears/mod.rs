@@ -294,8 +294,9 @@ pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
     if setting.has_baseline {
         baseline.records.push(healthy.learn("healthy").map_err(|e| e.to_string())?);
     }
-    let known =
-        setting.kind.fault().map(|fault| KnownFault { fault, component: Some(PAIR.to_owned()) });
+    // As of the rig: without a baseline nothing can be told of a gear.
+    let fault = setting.kind.fault().filter(|_| setting.has_baseline);
+    let known = fault.map(|fault| KnownFault { fault, component: Some(PAIR.to_owned()) });
     let yes = |is: bool, what: &str| if is { what.to_owned() } else { format!("no {what}") };
     let (tacho, with) = (yes(setting.has_tacho, "tacho"), yes(setting.has_baseline, "baseline"));
     let model = match setting.model {
