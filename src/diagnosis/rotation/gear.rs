@@ -34,13 +34,7 @@ pub(super) fn judge_gear(
         verdict.why = why;
         return verdict;
     }
-    let local = all_signs
-        .iter()
-        .enumerate()
-        .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
-        .filter(|(_, _, g, _)| *g == gear)
-        .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
-        .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio));
+    let local = strongest_local(gear, all_signs);
     let Some((shaft, signs, local)) = local else {
         verdict.why =
             "no synchronous average, here or in the baseline: a tacho, or a speed confirmed by shaft harmonics, is needed"
@@ -86,7 +80,35 @@ pub(super) fn judge_gear(
         );
         return verdict;
     }
-    accuse(&mut verdict, local, Some(FaultMode::ToothDamage), features);
+    let named = (gear, shaft, reading);
+    accuse_of_a_tooth(&mut verdict, named, (local, cwt_up), features, context);
+    verdict
+}
+
+/// The strongest localised sign of a gear over any shaft.
+fn strongest_local(
+    gear: GearIndex,
+    all_signs: &[ShaftSigns],
+) -> Option<(ShaftIndex, &ShaftSigns, &Indicator)> {
+    all_signs
+        .iter()
+        .enumerate()
+        .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
+        .filter(|(_, _, g, _)| *g == gear)
+        .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
+        .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio))
+}
+
+/// Tooth damage, with member, angle and tooth as far as they are known.
+fn accuse_of_a_tooth(
+    verdict: &mut ComponentDiagnosis,
+    (gear, shaft, reading): (GearIndex, ShaftIndex, Option<&GearReading>),
+    (local, cwt_up): (&Indicator, bool),
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let heard_in = local.evidence.channel.as_str();
+    accuse(verdict, local, Some(FaultMode::ToothDamage), features);
     verdict.why = format!(
         "the difference signal of the synchronous average is {:.1} times its baseline at one place of the revolution in {heard_in}{}",
         local.ratio,
@@ -98,7 +120,6 @@ pub(super) fn judge_gear(
         Owner::Shaft(shaft) => finding(gear, shaft, heard_in, features, context),
         Owner::Unclear => GearFinding::default(),
     });
-    verdict
 }
 
 /// Growth of the mesh harmonics in the channel of an average.

@@ -20,6 +20,7 @@ use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::GearSide;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
+use crate::machine::Machine;
 use crate::machine::file;
 use crate::pipeline::SpeedHints;
 use crate::signal::ChannelInfo;
@@ -239,57 +240,78 @@ struct Occasion {
     turn: Turn,
 }
 
-/// Makes a trial, and says where the damage is.
-///
-/// # Errors
-/// When machine or baseline cannot be made.
-pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
-    let mut random = Pcg64Mcg::seed_from_u64(setting.seed);
-    let pair = Pair::draw(&mut random);
-    let path = Path::draw(&mut random);
-    let voice = Voice::draw(setting.model, &mut random);
-    let noise = 10.0_f64.powf(-random.random_range(0.0..15.0) / 20.0);
-    let shaft_lines: [f64; 6] = std::array::from_fn(|_| random.random_range(0.02..0.3));
-    let machine =
-        file::parse(&pair.machine_text(setting.has_tacho), "gearbox").map_err(|e| e.to_string())?;
-    let machine = Arc::new(machine);
-    // Baseline first: its sound sets the scale of both.
-    let mut gain = None;
-    let motion = Motion::Wander(if setting.has_tacho { WANDER } else { STEADY });
-    let mut record = |kind: Kind, seed: u64| {
+/// A pair with everything around it.
+struct Gearbox {
+    machine: Arc<Machine>,
+    pair: Pair,
+    path: Path,
+    voice: Voice,
+    /// RMS of the noise over that of the healthy mesh.
+    noise: f64,
+    /// 1×, 2×, 3× of either shaft in turn, amplitudes over the mesh's RMS.
+    shaft_lines: [f64; 6],
+    has_tacho: bool,
+}
+
+impl Gearbox {
+    fn draw(setting: &Setting) -> Result<Self, String> {
+        let mut random = Pcg64Mcg::seed_from_u64(setting.seed);
+        let pair = Pair::draw(&mut random);
+        let machine = file::parse(&pair.machine_text(setting.has_tacho), "gearbox")
+            .map_err(|e| e.to_string())?;
+        Ok(Self {
+            machine: Arc::new(machine),
+            pair,
+            path: Path::draw(&mut random),
+            voice: Voice::draw(setting.model, &mut random),
+            noise: 10.0_f64.powf(-random.random_range(0.0..15.0) / 20.0),
+            shaft_lines: std::array::from_fn(|_| random.random_range(0.02..0.3)),
+            has_tacho: setting.has_tacho,
+        })
+    }
+
+    /// A record. The first one's sound sets the scale of those that follow.
+    fn record(&self, kind: Kind, seed: u64, gain: &mut Option<f64>) -> Measured {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let duration_s = N_SAMPLES as f64 / RATE_HZ;
-        let turn = Turn::draw(motion, pair.speed_hz, duration_s, &mut random);
-        let load = random.random_range(0.9..1.1);
-        let occasion = Occasion { kind, load, turn };
-        let mesh = path.hear(&voice.mesh(&pair, &occasion, &mut random));
+        let motion = Motion::Wander(if self.has_tacho { WANDER } else { STEADY });
+        let turn = Turn::draw(motion, self.pair.speed_hz, duration_s, &mut random);
+        let occasion = Occasion { kind, load: random.random_range(0.9..1.1), turn };
+        let mesh = self.path.hear(&self.voice.mesh(&self.pair, &occasion, &mut random));
         let rms = (mesh.iter().map(|v| v * v).sum::<f64>() / mesh.len() as f64).sqrt();
         let gain = *gain.get_or_insert(1.0 / rms);
         let mut x: Vec<f64> = mesh.iter().map(|v| gain * v).collect();
-        voice.add_strikes(&mut x, &pair, &occasion, &path, &mut random);
+        self.voice.add_strikes(&mut x, &self.pair, &occasion, &self.path, &mut random);
         let background = vibration::machine_noise(N_SAMPLES, &mut random);
-        x.iter_mut().zip(&background).for_each(|(x, n)| *x += noise * n);
-        for (i, amplitude) in (0_u32..).zip(shaft_lines) {
-            let order = f64::from(1 + i / 2) * pair.turns(1.0)[usize::from(i % 2 == 1)];
+        x.iter_mut().zip(&background).for_each(|(x, n)| *x += self.noise * n);
+        for (i, amplitude) in (0_u32..).zip(self.shaft_lines) {
+            let order = f64::from(1 + i / 2) * self.pair.turns(1.0)[usize::from(i % 2 == 1)];
             let phase = random.random_range(0.0..TAU);
             vibration::add_order(&mut x, &occasion.turn, RATE_HZ, order, amplitude, phase);
         }
         let mut channels = vec![channel("case", Unit::MetrePerSecondSquared)];
         let mut samples = vec![narrow(&x)];
-        if setting.has_tacho {
+        if self.has_tacho {
             channels.push(channel("tacho", Unit::Volt));
             samples.push(tacho(&occasion.turn));
         }
         let mean_hz = occasion.turn.revolutions(duration_s) / duration_s;
         let written = Hz(mean_hz * (1.0 + random.random_range(-0.001..0.001)));
-        let capture = (!setting.has_tacho).then_some(written);
-        let hints = SpeedHints { option: None, capture };
-        Measured { machine: Arc::clone(&machine), channels, samples, hints }
-    };
-    let healthy_kind =
-        if setting.kind == Kind::Eccentric { Kind::Eccentric } else { Kind::Healthy };
-    let healthy = record(healthy_kind, setting.seed + 1_000_000);
-    let measured = record(setting.kind, setting.seed + 2_000_000);
+        let hints = SpeedHints { option: None, capture: (!self.has_tacho).then_some(written) };
+        Measured { machine: Arc::clone(&self.machine), channels, samples, hints }
+    }
+}
+
+/// Makes a trial, and says where the damage is.
+///
+/// # Errors
+/// When machine or baseline cannot be made.
+pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
+    let gearbox = Gearbox::draw(setting)?;
+    let mut gain = None;
+    let before = if setting.kind == Kind::Eccentric { Kind::Eccentric } else { Kind::Healthy };
+    let healthy = gearbox.record(before, setting.seed + 1_000_000, &mut gain);
+    let measured = gearbox.record(setting.kind, setting.seed + 2_000_000, &mut gain);
     let mut baseline = Baseline::default();
     if setting.has_baseline {
         baseline.records.push(healthy.learn("healthy").map_err(|e| e.to_string())?);
@@ -312,7 +334,7 @@ pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
         measured,
         baseline,
     };
-    Ok((trial, pair.place()))
+    Ok((trial, gearbox.pair.place()))
 }
 
 /// The model with its numbers drawn.
