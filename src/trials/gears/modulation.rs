@@ -1,6 +1,6 @@
 //! Mesh harmonics that the teeth modulate in amplitude and phase (T5).
 //!
-//! A tooth that gives way takes load from the mesh and lags while it is in contact [mcfadden1986].
+//! A tooth that gives way takes load from the mesh and lags while it is in contact (McFadden 1986).
 
 use super::Kind;
 use super::Occasion;
@@ -29,7 +29,7 @@ pub(super) struct Voice {
     damage: (f64, f64),
     /// Orders of ghost tones as shares of the teeth, amplitude, phase.
     ghosts: [(f64, f64, f64); 2],
-    /// RMS of strikes over that of the mesh.
+    /// RMS of strikes, or of ghosts, over that of the mesh.
     strikes: f64,
     /// Growth of the second and third harmonic by wear.
     wear: [f64; 2],
@@ -77,7 +77,7 @@ impl Voice {
                     growth * a * (h * (TAU * z * turned + phase) + at).cos()
                 })
                 .sum();
-            amplitude * sum + self.ghost(pair, kind, turned)
+            amplitude * sum
         };
         (0..super::N_SAMPLES).map(sample).collect()
     }
@@ -86,10 +86,7 @@ impl Voice {
         if kind == Kind::Worn { [1.2, self.wear[0], self.wear[1]] } else { [1.0; N_HARMONICS] }
     }
 
-    fn ghost(&self, pair: &Pair, kind: Kind, turned: f64) -> f64 {
-        if kind != Kind::Ghost {
-            return 0.0;
-        }
+    fn ghost(&self, pair: &Pair, turned: f64) -> f64 {
         let turns = pair.turns(turned);
         let tones = self.ghosts.iter().zip(turns).zip(pair.teeth).zip(&pair.run_out);
         tones
@@ -104,7 +101,8 @@ impl Voice {
             .sum()
     }
 
-    /// A broken tooth's successor strikes; pits strike a little, each time another.
+    /// What is not the mesh: ghosts; a broken tooth's successor, which strikes; pits, which strike a little, each time
+    /// another.
     pub(super) fn add_strikes(
         &self,
         x: &mut [f64],
@@ -113,6 +111,12 @@ impl Voice {
         path: &Path,
         random: &mut Pcg64Mcg,
     ) {
+        if occasion.kind == Kind::Ghost {
+            let turned = |i: usize| occasion.turn.revolutions(i as f64 / RATE_HZ);
+            let ghosts: Vec<f64> = (0..x.len()).map(|i| self.ghost(pair, turned(i))).collect();
+            vibration::add_scaled(x, &path.hear(&ghosts), self.strikes);
+            return;
+        }
         let (n_teeth, scatter) = match occasion.kind {
             Kind::Broken => (1, 0.1),
             Kind::Pitted => (3, 0.4),
