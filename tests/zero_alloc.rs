@@ -9,6 +9,7 @@ use std::hint::black_box;
 
 use rotorwatch::dsp::absolute;
 use rotorwatch::dsp::absolute::OversampledAbsolutePlan;
+use rotorwatch::dsp::band_envelope::BandEnvelopePlan;
 use rotorwatch::dsp::butterworth;
 use rotorwatch::dsp::butterworth::Pass;
 use rotorwatch::dsp::cepstrum;
@@ -249,6 +250,11 @@ fn frequency_domain<T: Real>(n: usize) {
     let mut depth = zeros::<T>(spectrum.n_bins());
     assert_no_allocation("envelope spectrum", n, || {
         spectrum.process(&e2, &mut depth);
+    });
+    let mut band = BandEnvelopePlan::new(n, n / 8..n / 4, &mut cache);
+    let mut depth = zeros::<T>(band.n_bins());
+    assert_no_allocation("envelope spectrum of a band", n, || {
+        band.process(&x, &mut depth);
     });
     let mut morlet = MorletPlan::new(n, FS_HZ, 280.0, cwt::DEFAULT_OMEGA0, &mut cache).unwrap();
     assert_no_allocation("morlet", n, || {

@@ -20,6 +20,7 @@ use crate::features::ChannelFeatures;
 use crate::machine::Machine;
 use crate::pipeline::Monitor;
 use crate::pipeline::Outcome;
+use crate::pipeline::Plans;
 use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
@@ -132,6 +133,13 @@ impl Monitored {
                 }
                 self.publish(queue_bytes);
             }
+        }
+    }
+
+    /// Exchanges the kept plans: those of the shard go where the work is, so that machines need none of their own.
+    pub fn exchange_plans(&mut self, plans: &mut Plans) {
+        if let Some(monitor) = &mut self.monitor {
+            std::mem::swap(monitor.plans_mut(), plans);
         }
     }
 

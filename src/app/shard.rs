@@ -3,6 +3,7 @@
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::queue::Popped;
+use crate::pipeline::Plans;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -50,11 +51,14 @@ pub fn run(
     queue_bytes: &Gauge,
 ) {
     let mut publish_at = super::now();
+    let mut plans = Plans::new();
     loop {
         match queue.pop(publish_at) {
             Popped::Item((machine, input)) => {
                 if let Some(machine) = machines.get_mut(machine) {
+                    machine.exchange_plans(&mut plans);
                     machine.take(input, queue.bytes());
+                    machine.exchange_plans(&mut plans);
                 }
             }
             Popped::Request((machine, request)) => {

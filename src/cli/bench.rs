@@ -49,7 +49,8 @@ pub struct Arguments {
     /// Folder for the tables, made if it is not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// One round of one job of `signal` in f32, as an object: for comparisons by turns.
+    /// One round of one job of `signal` in f32, as an object, and another for every line of stdin: for
+    /// comparisons by turns.
     #[arg(long, value_name = "NAME", hide = true)]
     pub job: Option<String>,
     /// A small part, to see that it works.
@@ -77,6 +78,8 @@ enum Failure {
     NoJob { bench: &'static str, name: String },
     #[error("{}: cannot be made", folder.display())]
     Folder { folder: PathBuf, source: io::Error },
+    #[error("stdin: cannot be read")]
+    Input(#[source] io::Error),
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(transparent)]
@@ -158,11 +161,11 @@ fn bench_monitor(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
     page.write("monitor", out, &effort.json(), &rows)
 }
 
-/// One round of one job of `signal`.
+/// Rounds of one job of `signal`: one, and one for every line of stdin.
 fn job(name: &str, arguments: &Arguments) -> Result<(), Failure> {
-    let effort = if arguments.quick { signal::Effort::QUICK } else { signal::Effort::WHOLE };
-    let round = match arguments.bench {
-        Bench::Signal => signal::one_round(name, &effort),
+    let effort = if arguments.quick { signal::Effort::QUICK } else { signal::Effort::TURNS };
+    let turns = match arguments.bench {
+        Bench::Signal => signal::Turns::new(name, &effort),
         Bench::Simulator | Bench::Stability | Bench::Monitor => None,
     };
     let bench = match arguments.bench {
@@ -171,8 +174,14 @@ fn job(name: &str, arguments: &Arguments) -> Result<(), Failure> {
         Bench::Signal => "signal",
         Bench::Monitor => "monitor",
     };
-    let round = round.ok_or_else(|| Failure::NoJob { bench, name: name.to_owned() })?;
-    Ok(Output::open(None)?.write(&format!("{round}\n"))?)
+    let mut turns = turns.ok_or_else(|| Failure::NoJob { bench, name: name.to_owned() })?;
+    let mut stdout = Output::open(None)?;
+    stdout.write(&format!("{}\n", turns.round()))?;
+    for line in io::stdin().lines() {
+        line.map_err(Failure::Input)?;
+        stdout.write(&format!("{}\n", turns.round()))?;
+    }
+    Ok(())
 }
 
 /// Stdout, and what it shows.

@@ -4,6 +4,7 @@
 //! removed: `X_k = Σ (x[i] − x̄) e^(−j2πki/n)`, k = 0…⌊n/2⌋ (D5). Must not know what a bin stands for.
 
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
@@ -35,13 +36,26 @@ pub struct FftCache<T: Real> {
     real: RealFftPlanner<T>,
     complex: FftPlanner<T>,
     grids: BTreeMap<usize, Arc<GridPlan<T>>>,
+    /// Lengths asked of the libraries, which keep their tables.
+    others: BTreeSet<usize>,
 }
 
 impl<T: Real> FftCache<T> {
     /// Makes an empty cache.
     #[must_use]
     pub fn new() -> Self {
-        Self { real: RealFftPlanner::new(), complex: FftPlanner::new(), grids: BTreeMap::new() }
+        Self {
+            real: RealFftPlanner::new(),
+            complex: FftPlanner::new(),
+            grids: BTreeMap::new(),
+            others: BTreeSet::new(),
+        }
+    }
+
+    /// Lengths of which it holds tables.
+    #[must_use]
+    pub fn n_lengths(&self) -> usize {
+        self.grids.len() + self.others.len()
     }
 
     /// Tables of the grid of `n` points, if it has one.
@@ -55,14 +69,17 @@ impl<T: Real> FftCache<T> {
     }
 
     pub(in crate::dsp) fn real_forward(&mut self, n: usize) -> Arc<dyn RealToComplex<T>> {
+        self.others.insert(n);
         self.real.plan_fft_forward(n)
     }
 
     pub(in crate::dsp) fn complex_forward(&mut self, n: usize) -> Arc<dyn Fft<T>> {
+        self.others.insert(n);
         self.complex.plan_fft_forward(n)
     }
 
     pub(in crate::dsp) fn complex_inverse(&mut self, n: usize) -> Arc<dyn Fft<T>> {
+        self.others.insert(n);
         self.complex.plan_fft_inverse(n)
     }
 }

@@ -6,6 +6,7 @@
 
 use std::f64::consts::TAU;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use pulp::Arch;
@@ -32,9 +33,7 @@ pub(in crate::dsp) struct RealTransform<T: Real> {
 
 enum Way<T: Real> {
     Half {
-        plan: Arc<GridPlan<T>>,
-        grid: Grid<T>,
-        flat: Split<T>,
+        pairs: PairTransform<T>,
         turns: Split<T>,
     },
     Whole {
@@ -52,16 +51,8 @@ enum Way<T: Real> {
 impl<T: Real> RealTransform<T> {
     /// Plans `n` > 0 samples.
     pub(in crate::dsp) fn new(n: usize, cache: &mut FftCache<T>) -> Self {
-        let half = if n.is_multiple_of(2) { cache.grid(n / 2) } else { None };
-        let way = if let Some(plan) = half {
-            let h = n / 2;
-            let mut turns = Split::zeros(h + 1);
-            for k in 0..=h {
-                // Half of it: the sums of two points are means.
-                let (sin, cos) = (TAU * k as f64 / n as f64).sin_cos();
-                (turns.re[k], turns.im[k]) = (T::rounded(0.5 * cos), T::rounded(0.5 * sin));
-            }
-            Way::Half { plan, grid: Grid::new(h), flat: Split::zeros(h + 1), turns }
+        let way = if let Some(pairs) = PairTransform::new(n, cache) {
+            Way::Half { pairs, turns: half_turns(n, 0..n / 2 + 1, 1.0) }
         } else if let Some(plan) = cache.grid(n) {
             Way::Whole { plan, grid: Grid::new(n) }
         } else {
@@ -90,24 +81,11 @@ impl<T: Real> RealTransform<T> {
         let low = T::rounded(offset - high.to_f64());
         let Self { arch, way, x_hat, .. } = self;
         match way {
-            Way::Half { plan, grid, flat, turns } => {
-                let h = plan.len();
-                let (re, im) = (&mut grid.re[..h], &mut grid.im[..h]);
-                arch.dispatch(Pairs { x, high, low, weights, re, im });
-                // The last of an odd number, and the padding.
-                let n_pairs = x.len() / 2;
-                re[n_pairs..].fill(T::zero());
-                im[n_pairs..].fill(T::zero());
-                if let (Some(re), false) = (re.get_mut(n_pairs), x.len().is_multiple_of(2)) {
-                    let weight = weights.map_or_else(T::one, |weights| weights[x.len() - 1]);
-                    *re = (x[x.len() - 1] - high - low) * weight;
-                }
-                let lanes = plan.lanes();
-                let groups = plan.forward(grid);
-                let (first, second) = (&mut flat.im[..h], &mut flat.re[..h]);
-                arch.dispatch(Flatten { groups, lanes, first, second });
-                (flat.re[h], flat.im[h]) = (flat.re[0], flat.im[0]);
-                arch.dispatch(Unfold { z: flat, turns, x_hat });
+            Way::Half { pairs, turns } => {
+                pairs.fill(x, (high, low), weights);
+                let h = pairs.len();
+                let z = pairs.run(0..h + 1);
+                arch.dispatch(Unfold { z, turns, x_hat });
             }
             Way::Whole { plan, grid } => {
                 let n = plan.len();
@@ -134,6 +112,77 @@ impl<T: Real> fmt::Debug for RealTransform<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("RealTransform").field("n", &self.n).finish_non_exhaustive()
     }
+}
+
+/// Transform Z of n real samples two a point (D51), for [`Unfold`] or a band of it.
+#[derive(Debug)]
+pub(in crate::dsp) struct PairTransform<T: Real> {
+    arch: Arch,
+    plan: Arc<GridPlan<T>>,
+    grid: Grid<T>,
+    flat: Split<T>,
+}
+
+impl<T: Real> PairTransform<T> {
+    /// Plans `n` samples; `None` if n/2 points have no grid.
+    pub(in crate::dsp) fn new(n: usize, cache: &mut FftCache<T>) -> Option<Self> {
+        let plan = if n.is_multiple_of(2) { cache.grid(n / 2)? } else { return None };
+        let (grid, flat) = (Grid::new(n / 2), Split::zeros(n / 2 + 1));
+        Some(Self { arch: Arch::new(), plan, grid, flat })
+    }
+
+    /// Points: n/2.
+    pub(in crate::dsp) fn len(&self) -> usize {
+        self.plan.len()
+    }
+
+    /// Takes (x − high − low)·weights in, padded with zeros.
+    pub(in crate::dsp) fn fill(&mut self, x: &[T], (high, low): (T, T), weights: Option<&[T]>) {
+        let (re, im) = self.points();
+        let n_pairs = x.len() / 2;
+        // The last of an odd number, and the padding.
+        re[n_pairs..].fill(T::zero());
+        im[n_pairs..].fill(T::zero());
+        if let (Some(re), false) = (re.get_mut(n_pairs), x.len().is_multiple_of(2)) {
+            let weight = weights.map_or_else(T::one, |weights| weights[x.len() - 1]);
+            *re = (x[x.len() - 1] - high - low) * weight;
+        }
+        Arch::new().dispatch(Pairs { x, high, low, weights, re, im });
+    }
+
+    /// Where the points go: the even samples and the odd ones.
+    pub(in crate::dsp) fn points(&mut self) -> (&mut [T], &mut [T]) {
+        let h = self.plan.len();
+        (&mut self.grid.re[..h], &mut self.grid.im[..h])
+    }
+
+    /// Transforms the points: Z_k at k, for the k in `wanted` (0…n/2, Z_{n/2} = Z_0) at least; the
+    /// others are left of the last call.
+    pub(in crate::dsp) fn run(&mut self, wanted: Range<usize>) -> &Split<T> {
+        let Self { arch, plan, grid, flat } = self;
+        let (h, lanes) = (plan.len(), plan.lanes());
+        let groups = plan.forward(grid);
+        let from = wanted.start.min(h) / lanes * lanes;
+        let part = from..wanted.end.next_multiple_of(lanes).min(h);
+        let groups = &groups[2 * from..];
+        let (first, second) = (&mut flat.im[part.clone()], &mut flat.re[part]);
+        arch.dispatch(Flatten { groups, lanes, first, second });
+        if from == 0 {
+            (flat.re[h], flat.im[h]) = (flat.re[0], flat.im[0]);
+        }
+        flat
+    }
+}
+
+/// `factor`·e^(j2πk/n)/2 for every k of `bins`; half of it: the sums of two points are means.
+pub(in crate::dsp) fn half_turns<T: Real>(n: usize, bins: Range<usize>, factor: f64) -> Split<T> {
+    let mut turns = Split::zeros(bins.len());
+    for (i, k) in bins.enumerate() {
+        let (sin, cos) = (TAU * k as f64 / n as f64).sin_cos();
+        (turns.re[i], turns.im[i]) =
+            (T::rounded(factor * 0.5 * cos), T::rounded(factor * 0.5 * sin));
+    }
+    turns
 }
 
 /// (x − high − low)·weights, the even samples and the odd ones.
@@ -246,30 +295,41 @@ struct Unfold<'a, T: Real> {
     x_hat: &'a mut Split<T>,
 }
 
+/// All bins from Z and [`half_turns`] of all of them.
+pub(in crate::dsp) fn unfold<T: Real>(z: &Split<T>, turns: &Split<T>, x_hat: &mut Split<T>) {
+    Arch::new().dispatch(Unfold { z, turns, x_hat });
+}
+
 impl<T: Real> WithSimd for Unfold<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { z, turns, x_hat } = self;
-        unfold((&z.re, &z.im), (&turns.re, &turns.im), &mut x_hat.re, &mut x_hat.im);
+        let z = (&z.re[..], &z.im[..]);
+        let turns = (&turns.re[..], &turns.im[..]);
+        unfold_lists((z, z), turns, T::rounded(0.5), &mut x_hat.re, &mut x_hat.im);
     }
 }
 
-/// A function of its own, so that the lists are known not to overlap.
+/// Real and imaginary parts.
+type Lists<'a, T> = (&'a [T], &'a [T]);
+
+/// Bins from Z at them, Z mirrored to them and their half turns, times 2·`half` as the turns are. A function of
+/// its own, so that the lists are known not to overlap.
 #[inline(always)]
-fn unfold<T: Real>(
-    (z_re, z_im): (&[T], &[T]),
-    (cos, sin): (&[T], &[T]),
+pub(in crate::dsp) fn unfold_lists<T: Real>(
+    ((a_re, a_im), (b_re, b_im)): (Lists<'_, T>, Lists<'_, T>),
+    (cos, sin): Lists<'_, T>,
+    half: T,
     re: &mut [T],
     im: &mut [T],
 ) {
     let n = re.len();
-    let half = T::rounded(0.5);
-    let (z_re, z_im, cos, sin) = (&z_re[..n], &z_im[..n], &cos[..n], &sin[..n]);
-    let im = &mut im[..n];
+    let (a_re, a_im, b_re, b_im) = (&a_re[..n], &a_im[..n], &b_re[..n], &b_im[..n]);
+    let (cos, sin, im) = (&cos[..n], &sin[..n], &mut im[..n]);
     for k in 0..n {
-        let (a_re, a_im, b_re, b_im) = (z_re[k], z_im[k], z_re[n - 1 - k], z_im[n - 1 - k]);
+        let (a_re, a_im, b_re, b_im) = (a_re[k], a_im[k], b_re[n - 1 - k], b_im[n - 1 - k]);
         let (sum_im, gap_re) = (a_im + b_im, a_re - b_re);
         re[k] = half * (a_re + b_re) + cos[k] * sum_im - sin[k] * gap_re;
         im[k] = half * (a_im - b_im) - cos[k] * gap_re - sin[k] * sum_im;

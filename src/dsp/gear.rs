@@ -118,6 +118,14 @@ impl GearPlan {
         self.teeth
     }
 
+    /// Y_hz of the last call, zero-to-peak; `None` beyond [`Self::n_harmonics`].
+    #[must_use]
+    pub fn harmonic_amplitude(&self, h: usize) -> Option<f64> {
+        let is_mesh = h > 0 && h <= self.n_harmonics;
+        let n = self.difference.len() as f64;
+        is_mesh.then(|| 2.0 * self.y_hat[h * self.teeth].norm() / n)
+    }
+
     /// The h of the largest Y_hz of the last call; the lowest of equals. Of a baseline's average it is
     /// the h* that [`crate::dsp::demodulate::MeshDemodPlan`] is planned with and that stays (D65).
     #[must_use]

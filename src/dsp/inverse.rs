@@ -17,6 +17,7 @@ use rustfft::num_traits::Zero;
 use crate::dsp::fft::FftCache;
 use crate::dsp::grid::Grid;
 use crate::dsp::grid::GridPlan;
+use crate::dsp::lanes::lanes_of;
 use crate::dsp::power_sums;
 use crate::dsp::power_sums::PowerSums;
 use crate::dsp::real::Real;
@@ -126,6 +127,12 @@ impl<T: Real> Results<'_, T> {
         power_sums::of_groups(self.list, self.lanes, [re, im])
     }
 
+    /// Writes (|z|² − offset)·weight, for as many results as fit; the sum of |z|² − offset.
+    pub(in crate::dsp) fn squares_to(&self, offset: T, weights: &[T], out: &mut [T]) -> f64 {
+        let (list, lanes) = (self.list, self.lanes);
+        Arch::new().dispatch(Squares { list, lanes, offset, weights, out })
+    }
+
     /// Sums the moduli of the results `range`, in f64.
     pub(in crate::dsp) fn sum_of_moduli(&self, range: Range<usize>) -> f64 {
         let groups = self.list.chunks_exact(2 * self.lanes);
@@ -177,5 +184,55 @@ fn map<T: Real, U, const R: usize>(list: &[T], out: &mut [U], f: impl Fn(T, T) -
         for (i, out) in rest.iter_mut().enumerate() {
             *out = f(re[i], im[i]);
         }
+    }
+}
+
+/// Vectors summed in `T` before the sum goes on in f64.
+const BLOCK: usize = 32;
+
+struct Squares<'a, T> {
+    list: &'a [T],
+    lanes: usize,
+    offset: T,
+    weights: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Squares<'_, T> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let Self { list, lanes, offset, weights, out } = self;
+        let n = out.len();
+        let weights = &weights[..n];
+        let whole = if lanes == lanes_of::<T, S>() { n / lanes * lanes } else { 0 };
+        let (pairs, _) = T::vectors::<S>(&list[..2 * whole]).as_chunks::<2>();
+        let factors = T::vectors::<S>(&weights[..whole]);
+        let mut total = 0.0;
+        {
+            let out = T::vectors_mut::<S>(&mut out[..whole]);
+            let offset = T::splat(simd, offset);
+            let blocks = pairs.chunks(BLOCK).zip(factors.chunks(BLOCK)).zip(out.chunks_mut(BLOCK));
+            for ((pairs, factors), out) in blocks {
+                let mut sum = T::splat(simd, T::zero());
+                for (([re, im], factor), out) in pairs.iter().zip(factors).zip(out) {
+                    let square = T::times_plus(simd, *re, *re, T::times(simd, *im, *im));
+                    let value = T::minus(simd, square, offset);
+                    sum = T::plus(simd, sum, value);
+                    *out = T::times(simd, value, *factor);
+                }
+                total += power_sums::sum_of_lanes::<T, S>(sum);
+            }
+        }
+        // The last, and all of another width of vectors.
+        for i in whole..n {
+            let at = i / lanes * 2 * lanes + i % lanes;
+            let (re, im) = (list[at], list[at + lanes]);
+            let value = re * re + im * im - offset;
+            total += value.to_f64();
+            out[i] = value * weights[i];
+        }
+        total
     }
 }

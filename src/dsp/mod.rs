@@ -41,6 +41,7 @@ pub mod fir;
 pub mod filter_bank;
 pub mod kurtogram;
 pub mod envelope;
+pub mod band_envelope;
 pub mod whiten;
 pub mod drs;
 pub mod integrate;

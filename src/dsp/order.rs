@@ -124,6 +124,27 @@ impl PhaseTrack {
         Self { knots, ..*self }
     }
 
+    /// The motion of a shaft that turns `ratio` times as far; `None` unless that is positive and finite.
+    #[must_use]
+    pub fn times(&self, ratio: f64) -> Option<Self> {
+        if !(ratio > 0.0 && ratio.is_finite()) {
+            return None;
+        }
+        let scaled = |list: &[f64]| list.iter().map(|value| value * ratio).collect();
+        let knots = match &self.knots {
+            Knots::Constant { speed_hz } => Knots::Constant { speed_hz: speed_hz * ratio },
+            Knots::Pulses { times_s, revolutions } => {
+                Knots::Pulses { times_s: times_s.clone(), revolutions: scaled(revolutions) }
+            }
+            Knots::Smooth { times_s, revolutions, speed_hz } => Knots::Smooth {
+                times_s: times_s.clone(),
+                revolutions: scaled(revolutions),
+                speed_hz: scaled(speed_hz),
+            },
+        };
+        Some(Self { knots, ..*self })
+    }
+
     /// Pulses that were missing and have been bridged.
     #[must_use]
     pub fn n_missing(&self) -> usize {

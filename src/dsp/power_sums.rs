@@ -40,6 +40,17 @@ pub(in crate::dsp) fn of_groups<T: Real>(list: &[T], lanes: usize, to: [&mut [T]
     Arch::new().dispatch(OfGroups { list, lanes, to })
 }
 
+/// Σ|z|² of lists of real and imaginary parts.
+pub(in crate::dsp) fn of_list<T: Real>(re: &[T], im: &[T]) -> f64 {
+    Arch::new().dispatch(OfList { re, im })
+}
+
+/// Mean, blocks of it summed in `T`: for an offset that need not be exact. That of equal samples is. 0 of
+/// none.
+pub(in crate::dsp) fn rough_mean<T: Real>(x: &[T]) -> f64 {
+    Arch::new().dispatch(RoughMean { x })
+}
+
 /// Sums of the vectors of a block.
 struct Sums<T: Real, S: Simd> {
     second: T::Vector<S>,
@@ -71,7 +82,7 @@ impl<T: Real, S: Simd> Sums<T, S> {
 
 /// The sum of a vector's numbers, in f64, four at a time.
 #[inline(always)]
-fn sum_of_lanes<T: Real, S: Simd>(vector: T::Vector<S>) -> f64 {
+pub(in crate::dsp) fn sum_of_lanes<T: Real, S: Simd>(vector: T::Vector<S>) -> f64 {
     let list = [vector];
     let (fours, rest) = bytemuck::cast_slice::<T::Vector<S>, T>(&list).as_chunks::<4>();
     let mut sums = [0.0; 4];
@@ -91,6 +102,66 @@ fn of_rest<T: Real>(re: &[T], im: &[T]) -> PowerSums {
         sums += PowerSums { second: square, fourth: square * square };
     }
     sums
+}
+
+struct OfList<'a, T> {
+    re: &'a [T],
+    im: &'a [T],
+}
+
+impl<T: Real> WithSimd for OfList<'_, T> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let block = BLOCK * lanes_of::<T, S>();
+        let mut sum = 0.0;
+        for (re, im) in self.re.chunks(block).zip(self.im.chunks(block)) {
+            let (re_vectors, im_vectors) = (T::vectors::<S>(re), T::vectors::<S>(im));
+            let mut lanes = [T::splat(simd, T::zero()); 2];
+            for (re, im) in re_vectors.iter().zip(im_vectors) {
+                lanes[0] = T::times_plus(simd, *re, *re, lanes[0]);
+                lanes[1] = T::times_plus(simd, *im, *im, lanes[1]);
+            }
+            sum += sum_of_lanes::<T, S>(T::plus(simd, lanes[0], lanes[1]));
+            let whole = re_vectors.len() * lanes_of::<T, S>();
+            sum += of_rest(&re[whole..], &im[whole..]).second;
+        }
+        sum
+    }
+}
+
+struct RoughMean<'a, T> {
+    x: &'a [T],
+}
+
+impl<T: Real> WithSimd for RoughMean<'_, T> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> f64 {
+        let Some(first) = self.x.first() else { return 0.0 };
+        let shift = T::splat(simd, *first);
+        let mut sum = 0.0;
+        for block in self.x.chunks(4 * BLOCK * lanes_of::<T, S>()) {
+            let vectors = T::vectors::<S>(block);
+            let mut lanes = [T::splat(simd, T::zero()); 4];
+            let (fours, rest) = vectors.as_chunks::<4>();
+            for four in fours {
+                for i in 0..4 {
+                    lanes[i] = T::plus(simd, lanes[i], T::minus(simd, four[i], shift));
+                }
+            }
+            for vector in rest {
+                lanes[0] = T::plus(simd, lanes[0], T::minus(simd, *vector, shift));
+            }
+            let halves = [T::plus(simd, lanes[0], lanes[1]), T::plus(simd, lanes[2], lanes[3])];
+            sum += sum_of_lanes::<T, S>(T::plus(simd, halves[0], halves[1]));
+            let whole = vectors.len() * lanes_of::<T, S>();
+            sum += block[whole..].iter().map(|x| (*x - *first).to_f64()).sum::<f64>();
+        }
+        first.to_f64() + sum / self.x.len() as f64
+    }
 }
 
 struct OfSum<'a, T> {
@@ -217,6 +288,21 @@ mod tests {
                 close(found, a_re, a_im);
             }
         }
+    }
+
+    #[test]
+    fn lists_and_rough_means_are_those_of_the_definition() {
+        for n in [1, 7, 16, 100, 5000] {
+            let [re, im] = [1, 2].map(|seed| narrow::<f32>(&gaussian_noise(n, seed)));
+            let exact = of_rest(&re, &im).second;
+            assert!((of_list(&re, &im) / exact - 1.0).abs() < 1e-6, "as below");
+            let offset: Vec<f32> = re.iter().map(|x| x + 100.0).collect();
+            let mean = offset.iter().map(|x| f64::from(*x)).sum::<f64>() / n as f64;
+            // Sums of 32 numbers of size 3, rounded to 6e-8 each time.
+            assert!((rough_mean(&offset) - mean).abs() < 1e-5, "{n}");
+            assert!((rough_mean(&vec![0.1_f32; n]) - f64::from(0.1_f32)).abs() <= 0.0);
+        }
+        assert!(rough_mean::<f32>(&[]).abs() <= 0.0);
     }
 
     #[test]

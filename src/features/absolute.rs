@@ -7,10 +7,9 @@ use super::bearing::BandReading;
 use super::bearing::DefectLine;
 use super::bearing::DepthSpectrum;
 use super::bearing::LineTask;
+use super::plans::Plans;
 use crate::dsp::absolute::OversampledAbsolutePlan;
 use crate::dsp::absolute::absolute_vibration;
-use crate::dsp::fft::FftCache;
-use crate::dsp::spectrum::AmplitudePlan;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
@@ -55,13 +54,13 @@ impl AbsoluteVibration {
     /// Takes the absolute vibration of `x` and `y`, at twice the rate when lines above an eighth of
     /// it are read (`top`): the root makes harmonics that would fold onto them.
     #[must_use]
-    pub fn of(x: &[f32], y: &[f32], sample_rate: Hz, top: Hz, cache: &mut FftCache<f32>) -> Self {
+    pub fn of(x: &[f32], y: &[f32], sample_rate: Hz, top: Hz, plans: &mut Plans) -> Self {
         if top.0 <= sample_rate.0 / 8.0 {
             let mut samples = vec![0.0; x.len()];
             absolute_vibration(x, y, &mut samples);
             return Self { samples, sample_rate };
         }
-        let mut plan = OversampledAbsolutePlan::new(x.len(), cache);
+        let mut plan = OversampledAbsolutePlan::new(x.len(), plans.tables());
         let mut samples = vec![0.0; plan.out_len()];
         plan.process(x, y, &mut samples);
         Self { samples, sample_rate: Hz(2.0 * sample_rate.0) }
@@ -81,13 +80,13 @@ impl AbsoluteSpectrum {
     /// Transforms the absolute vibration `a` of a pair whose root mean square of √(x² + y²) is
     /// `scale`; `None` when the pair is silent.
     #[must_use]
-    pub fn new(a: &AbsoluteVibration, scale: f64, cache: &mut FftCache<f32>) -> Option<Self> {
+    pub fn new(a: &AbsoluteVibration, scale: f64, plans: &mut Plans) -> Option<Self> {
         let sample_rate = a.sample_rate;
         let a = &a.samples[..];
         if scale <= 0.0 || a.is_empty() {
             return None;
         }
-        let mut plan = AmplitudePlan::new_padded(a.len(), 2 * a.len(), cache);
+        let plan = plans.padded(a.len());
         let mut depth = vec![0.0_f32; plan.n_bins()];
         plan.process(a, &mut depth);
         for value in &mut depth {

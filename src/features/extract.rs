@@ -11,6 +11,7 @@ use super::gear;
 use super::limit;
 use super::lines::LineReader;
 use super::overall;
+use super::plans::Plans;
 use super::reception;
 use super::sensor;
 use super::sensor::SensorReading;
@@ -24,9 +25,7 @@ use super::trace::Trace;
 use super::turning;
 use crate::dsp::cwt::MorletPlan;
 use crate::dsp::fft::FftCache;
-use crate::dsp::fft::ForwardPlan;
 use crate::dsp::integrate::Quantity;
-use crate::dsp::integrate::VelocityPlan;
 use crate::dsp::stats::Moments;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
@@ -50,7 +49,7 @@ pub struct Extractor {
     hints: SpeedHints,
     /// Channel of each sensor, if the stream has it.
     channel_of_sensor: Vec<Option<ChannelIndex>>,
-    cache: FftCache<f32>,
+    plans: Plans,
 }
 
 impl Extractor {
@@ -62,13 +61,19 @@ impl Extractor {
             .iter()
             .map(|s| channels.iter().position(|c| c.name == s.channel).map(ChannelIndex))
             .collect();
-        Self { machine, channels, hints, channel_of_sensor, cache: FftCache::new() }
+        Self { machine, channels, hints, channel_of_sensor, plans: Plans::new() }
     }
 
     /// Channel of each sensor of the machine, in its order.
     #[must_use]
     pub fn channel_of_sensor(&self) -> &[Option<ChannelIndex>] {
         &self.channel_of_sensor
+    }
+
+    /// The plans kept from window to window. They may be those of another extractor: nothing but time depends on
+    /// them.
+    pub fn plans_mut(&mut self) -> &mut Plans {
+        &mut self.plans
     }
 
     /// Measures one window.
@@ -85,7 +90,7 @@ impl Extractor {
         let mut speed = self.speed(window, &sensors, &traces);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
-        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.cache);
+        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
@@ -97,7 +102,7 @@ impl Extractor {
                     trace,
                     info,
                     first,
-                    &mut self.cache,
+                    self.plans.tables(),
                 ));
                 let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
                 trace.features.extend(limit::orders(&machine, sensor, run, first, info.unit));
@@ -115,12 +120,13 @@ impl Extractor {
                     (trace.channel, trace.rate, range),
                     &trace.x_hat,
                     trace.samples.len(),
-                    &mut self.cache,
+                    &mut self.plans,
                 ));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
         }
-        let gears = gear::read(&machine, &self.channels, &speed, &gear_inputs(&machine, &traces));
+        let inputs = gear_inputs(&machine, &traces);
+        let gears = gear::read(&machine, &self.channels, &speed, &inputs, self.plans.wide_tables());
         for reading in &gears {
             if let Some(trace) = traces.iter_mut().find(|t| t.channel == reading.channel) {
                 trace.features.extend(gear_features(&machine, reading, &self.channels));
@@ -204,9 +210,9 @@ impl Extractor {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
-            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.cache);
+            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
-            trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.cache));
+            trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
             traces.push(trace);
         }
         traces
@@ -283,20 +289,20 @@ impl Extractor {
                 &y.samples,
                 x.rate,
                 reader.top(),
-                &mut self.cache,
+                &mut self.plans,
             );
             let scale =
                 (x.moments.variance().unwrap_or(0.0) + y.moments.variance().unwrap_or(0.0)).sqrt();
             let sensor = &machine.sensors[pair.x];
             let heard = ((x.channel, y.channel), x.rate, x.range);
-            let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.cache);
+            let lines = reader.absolute_lines(sensor, heard, &a, scale, &mut self.plans);
             let n = a.samples.len();
-            let mut plan = ForwardPlan::new(n, &mut self.cache);
+            let plan = self.plans.forward(n);
             let mut a_hat = vec![Complex::default(); plan.n_bins()];
             plan.process(&a.samples, &mut a_hat);
             let of_pair = (&a_hat[..], n, a.sample_rate);
             let mut extra =
-                cwt_features(machine, of_pair, info.unit, first, "absolute_", &mut self.cache);
+                cwt_features(machine, of_pair, info.unit, first, "absolute_", self.plans.tables());
             extra.extend(lines.iter().map(|line| Feature {
                 name: Arc::from(absolute::line_name(line.line, &machine.bearing(line.bearing).id)),
                 value: line.amplitude,
@@ -383,7 +389,7 @@ fn velocity(
     samples: &[f32],
     info: &ChannelInfo,
     kind: SensorKind,
-    cache: &mut FftCache<f32>,
+    plans: &mut Plans,
 ) -> Option<Feature> {
     let quantity = match info.unit {
         Unit::MetrePerSecondSquared => Quantity::Acceleration,
@@ -393,7 +399,7 @@ fn velocity(
     if kind == SensorKind::Proximitor {
         return None;
     }
-    let mut plan = VelocityPlan::new(samples.len(), cache);
+    let plan = plans.velocity(samples.len());
     let read = plan.process(samples, info.sample_rate.0, quantity, overall::VELOCITY_BAND_HZ)?;
     Some(Feature {
         name: Arc::from(overall::VELOCITY_RMS),
@@ -453,6 +459,14 @@ fn gear_features(
     let name = gear::local_name(gear, shaft);
     let mut features =
         vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    // An angle that drifts blurs high orders: their amplitudes do not compare.
+    if reading.is_followed {
+        features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
+            name: Arc::from(gear::mesh_name(h, gear, shaft)),
+            value,
+            unit,
+        }));
+    }
     if let Some(value) = reading.figures.fm4 {
         features.push(Feature {
             name: Arc::from(format!("fm4_{gear}_{shaft}")),

@@ -46,6 +46,10 @@ pub struct GearReading {
     pub revolutions: usize,
     /// Whether a tacho gave the angle (else a constant speed, and no angle means anything).
     pub has_angle: bool,
+    /// Whether a tacho followed the shaft, on it or through the gears.
+    pub is_followed: bool,
+    /// Amplitudes of the first mesh harmonics, zero-to-peak, unit of the channel; 0 beyond the band.
+    pub mesh: [f64; MESH_HARMONICS],
     /// Figures of merit.
     pub figures: GearFigures,
     /// Where the energy sits.
@@ -70,6 +74,9 @@ const MIN_REVOLUTIONS: usize = 16;
 /// line that the whole average keeps in part turns from one to the next.
 pub const N_BLOCKS: usize = 8;
 
+/// Mesh harmonics that are read one by one.
+pub const MESH_HARMONICS: usize = 3;
+
 /// Without a tacho the angle drifts by speed error × revolutions; only a speed confirmed by a comb
 /// of shaft harmonics is averaged on.
 const MIN_CONFIDENCE_WITHOUT_TACHO: f64 = 0.95;
@@ -80,6 +87,12 @@ pub fn local_name(gear: &str, shaft: &str) -> String {
     format!("tsa_local_{gear}_{shaft}")
 }
 
+/// Name of the feature "amplitude of harmonic `h` of the mesh `gear` in the average over `shaft`".
+#[must_use]
+pub fn mesh_name(h: usize, gear: &str, shaft: &str) -> String {
+    format!("tsa_mesh_{h}_{gear}_{shaft}")
+}
+
 /// Averages every gear in every channel offered.
 #[must_use]
 pub fn read(
@@ -87,9 +100,9 @@ pub fn read(
     channels: &[ChannelInfo],
     speed: &Speed,
     inputs: &[Input<'_>],
+    cache: &mut FftCache<f64>,
 ) -> Vec<GearReading> {
     let Some(first) = speed.first.filter(|f| f.0 > 0.0) else { return Vec::new() };
-    let mut cache = FftCache::new();
     let mut found = Vec::new();
     for (g, gear) in machine.gears.iter().enumerate() {
         let mut done: Vec<f64> = Vec::new();
@@ -99,11 +112,13 @@ pub fn read(
                 continue;
             }
             done.push(ratio);
-            let Some((track, marked_s)) = track(speed, ratio, first.0) else { continue };
+            let Some(followed) = follow(speed, ratio, first.0) else { continue };
+            let track = &followed.track;
             for input in inputs {
                 let rate = channels[input.channel.0].sample_rate.0;
                 // The track counts from the tacho's first sample: another start turns the average.
-                let has_angle = marked_s.is_some_and(|s| (s - input.time_s).abs() < 0.6 / rate);
+                let has_angle =
+                    followed.marked_s.is_some_and(|s| (s - input.time_s).abs() < 0.6 / rate);
                 let usable = super::bands::usable_band(
                     &machine.sensors[input.sensor],
                     channels[input.channel.0].sample_rate,
@@ -114,11 +129,12 @@ pub fn read(
                     teeth: member.teeth,
                     max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
-                let read = task.run(input, &track, &mut cache);
+                let read = task.run(input, track, cache);
                 found.extend(read.map(|r| GearReading {
                     gear: GearIndex(g),
                     shaft: member.shaft,
                     has_angle,
+                    is_followed: followed.by_tacho,
                     ..r
                 }));
             }
@@ -127,15 +143,26 @@ pub fn read(
     found
 }
 
-/// The angle of a shaft: by tacho when it sits on a shaft of the same speed, else constant; with the
-/// stream time from which a mark on the shaft counts, if one does.
-fn track(speed: &Speed, ratio: f64, first_hz: f64) -> Option<(PhaseTrack, Option<f64>)> {
-    if let Some(phase) = speed.phase.as_ref().filter(|_| (ratio - 1.0).abs() < 1e-9) {
-        return Some((phase.track.clone(), phase.is_marked.then_some(phase.start_s)));
+/// The angle of a shaft.
+struct Followed {
+    track: PhaseTrack,
+    /// Stream time from which a mark on the shaft counts, if there is one.
+    marked_s: Option<f64>,
+    by_tacho: bool,
+}
+
+/// The angle of a shaft: by tacho when there is one on the first shaft's speed, through the gears if need be;
+/// else constant.
+fn follow(speed: &Speed, ratio: f64, first_hz: f64) -> Option<Followed> {
+    if let Some(phase) = &speed.phase {
+        let is_same = (ratio - 1.0).abs() < 1e-9;
+        let track = if is_same { phase.track.clone() } else { phase.track.times(ratio)? };
+        let marked_s = (is_same && phase.is_marked).then_some(phase.start_s);
+        return Some(Followed { track, marked_s, by_tacho: true });
     }
     let steady = speed.confidence >= MIN_CONFIDENCE_WITHOUT_TACHO && speed.excursion < 1e-3;
-    let constant = PhaseTrack::constant(first_hz * ratio)?;
-    steady.then_some((constant, None))
+    let track = PhaseTrack::constant(first_hz * ratio)?;
+    steady.then_some(Followed { track, marked_s: None, by_tacho: false })
 }
 
 /// One average to make.
@@ -165,6 +192,7 @@ impl Average {
             return None;
         }
         let figures = plan.process(&y);
+        let mesh = std::array::from_fn(|i| plan.harmonic_amplitude(i + 1).unwrap_or(0.0));
         let localisation = plan.localise()?;
         let local_amplitude = figures.difference_rms * (2.0 * localisation.peak_over_mean).sqrt();
         Some(GearReading {
@@ -173,6 +201,8 @@ impl Average {
             channel: input.channel,
             revolutions,
             has_angle: false,
+            is_followed: false,
+            mesh,
             figures,
             localisation,
             local_amplitude,
@@ -258,7 +288,7 @@ mod tests {
             samples: x,
             range: (0, 100_000),
         };
-        let mut found = read(&machine, &[channel], &speed, &[input]);
+        let mut found = read(&machine, &[channel], &speed, &[input], &mut FftCache::new());
         assert_eq!(found.len(), 1, "a 1 : 1 pair is averaged once");
         found.remove(0)
     }

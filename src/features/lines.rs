@@ -13,11 +13,9 @@ use super::bearing::KnownLine;
 use super::bearing::LineSearch;
 use super::bearing::LineTask;
 use super::bearing::Unreadable;
+use super::plans::Plans;
 use super::reach;
 use crate::dsp::envelope;
-use crate::dsp::envelope::EnvelopeSpectrumPlan;
-use crate::dsp::envelope::SquaredEnvelopePlan;
-use crate::dsp::fft::FftCache;
 use crate::dsp::real::floor_index;
 use crate::dsp::whiten::WhitenPlan;
 use crate::machine::BearingIndex;
@@ -32,7 +30,6 @@ use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
-use std::collections::BTreeMap;
 
 /// A window must hold this many revolutions before its lines can be told from shaft harmonics.
 const MIN_REVOLUTIONS: f64 = 20.0;
@@ -72,8 +69,8 @@ pub struct LineReader<'m> {
     machine: &'m Machine,
     first: Hz,
     scratch: Vec<f32>,
-    /// Envelope spectra by length: bands of equal width share one.
-    spectra: BTreeMap<usize, EnvelopeSpectrumPlan<f32>>,
+    /// Squared envelope of a band.
+    e2: Vec<f32>,
 }
 
 /// A channel of a search: index, rate, sample range.
@@ -83,7 +80,7 @@ impl<'m> LineReader<'m> {
     /// Prepares for the speed `first` of the first shaft.
     #[must_use]
     pub fn new(machine: &'m Machine, first: Hz) -> Self {
-        Self { machine, first, scratch: Vec::new(), spectra: BTreeMap::new() }
+        Self { machine, first, scratch: Vec::new(), e2: Vec::new() }
     }
 
     /// Reads all lines of all bearings that `sensor` listens to, in the squared envelope of its
@@ -94,7 +91,7 @@ impl<'m> LineReader<'m> {
         heard: Heard,
         x_hat: &[Complex<f32>],
         n: usize,
-        cache: &mut FftCache<f32>,
+        plans: &mut Plans,
     ) -> Vec<LineSearch> {
         let (_, rate, _) = heard;
         let duration_s = n as f64 / rate.0;
@@ -121,7 +118,7 @@ impl<'m> LineReader<'m> {
             }
         }
         if !pending.is_empty() {
-            self.read_bands((x_hat, n, rate), usable, &pending, &mut searches, cache);
+            self.read_bands((x_hat, n, rate), usable, &pending, &mut searches, plans);
         }
         searches
     }
@@ -133,7 +130,7 @@ impl<'m> LineReader<'m> {
         usable: (Hz, Hz),
         pending: &[(usize, Target)],
         searches: &mut [LineSearch],
-        cache: &mut FftCache<f32>,
+        plans: &mut Plans,
     ) {
         let duration_s = n as f64 / rate.0;
         let mut whitened = vec![Complex::default(); x_hat.len()];
@@ -142,10 +139,11 @@ impl<'m> LineReader<'m> {
         let fastest = |(_, t): &(usize, Target)| t.expected.0 * (1.0 + t.band.high);
         let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
+        let mut depth = Vec::new();
         for band in bands::demodulation_bands(usable, min_width) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
-            let Some((depth, bin_hz, mean_square)) =
-                self.depth_spectrum(source, (n, rate), band, cache)
+            let Some((bin_hz, mean_square)) =
+                self.depth_spectrum(source, (n, rate), band, (&mut depth, plans))
             else {
                 continue;
             };
@@ -185,10 +183,10 @@ impl<'m> LineReader<'m> {
         (pair, rate, range): ((ChannelIndex, ChannelIndex), Hz, (u64, u64)),
         a: &AbsoluteVibration,
         scale: f64,
-        cache: &mut FftCache<f32>,
+        plans: &mut Plans,
     ) -> Vec<AbsoluteLine> {
         let duration_s = a.samples.len() as f64 / a.sample_rate.0;
-        let Some(spectrum) = AbsoluteSpectrum::new(a, scale, cache) else {
+        let Some(spectrum) = AbsoluteSpectrum::new(a, scale, plans) else {
             return Vec::new();
         };
         let usable = bands::usable_band(sensor, rate);
@@ -214,28 +212,27 @@ impl<'m> LineReader<'m> {
         found
     }
 
-    /// Modulation-depth spectrum of one band: depths, bin spacing, mean of the squared envelope.
+    /// Modulation-depth spectrum of one band, written into `depth`: bin spacing, mean of the squared envelope.
     fn depth_spectrum(
         &mut self,
         x_hat: &[Complex<f32>],
         (n, rate): (usize, Hz),
         band: Band,
-        cache: &mut FftCache<f32>,
-    ) -> Option<(Vec<f32>, f64, f64)> {
+        (depth, plans): (&mut Vec<f32>, &mut Plans),
+    ) -> Option<(f64, f64)> {
         let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0)?;
         let bins = bins.start.max(1)..bins.end;
         if bins.is_empty() {
             return None;
         }
-        let mut squared = SquaredEnvelopePlan::new(n, bins, cache);
-        let mut e2 = vec![0.0_f32; squared.out_len()];
-        squared.process(x_hat, &mut e2);
-        let length = e2.len();
-        let plan =
-            self.spectra.entry(length).or_insert_with(|| EnvelopeSpectrumPlan::new(length, cache));
-        let mut depth = vec![0.0_f32; plan.n_bins()];
-        let mean_square = plan.process(&e2, &mut depth)?;
-        Some((depth, plan.bin_width_hz(squared.out_rate_hz(rate.0)), mean_square))
+        let squared = plans.squared_envelope(n, bins);
+        let (length, e2_rate_hz) = (squared.out_len(), squared.out_rate_hz(rate.0));
+        self.e2.resize(length, 0.0);
+        squared.process(x_hat, &mut self.e2);
+        let plan = plans.envelope_spectrum(length);
+        depth.resize(plan.n_bins(), 0.0);
+        let mean_square = plan.process(&self.e2, depth)?;
+        Some((plan.bin_width_hz(e2_rate_hz), mean_square))
     }
 
     /// The bearings a sensor is asked about: its own; or, for a sensor elsewhere, those on its shaft

@@ -4,6 +4,7 @@
 //! levels, shaft lines, CWT amplitudes, bearing defect lines and gear signals. It measures and never
 //! judges: no threshold of health stands here. Must not know baselines, verdicts or alarms.
 
+pub mod plans;
 pub mod speed;
 pub mod tacho;
 mod trace;

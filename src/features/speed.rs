@@ -3,6 +3,9 @@
 //! Precedence: tacho, speed channel, option, capture, machine file. The last three are nominal and
 //! are moved onto shaft harmonics within ± 3 % when a comb of them stands in the spectrum
 //! (docs/theory.md, F1–F3). Harmonics that a bearing's defect lines or the mains could imitate take no part.
+//!
+//! `dsp::comb` and `dsp::speed_track` find a speed in one record without any nominal; here the peaks of all channels' spectra,
+//! which are there already, are pooled near a nominal one, and orders are left out by the machine: those cannot do that.
 
 use super::shaft::hann_magnitude;
 use super::turning::Turning;

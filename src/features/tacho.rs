@@ -1,4 +1,9 @@
 //! Measured speed: tacho pulses and speed channels; and the notes when speeds disagree.
+//!
+//! Pulses are read twice, for two questions. Mean speed and the angle of synchronous averages need one count of turns
+//! through the whole window: [`PhaseTrack::from_pulses`] takes each pulse as it is and bridges what is lost. Resampling to even
+//! turning needs the speed between pulses, which jitter would shake: [`PulseTrainPlan`] smooths it, and ends where the train is
+//! lost instead of guessing.
 
 use super::ChannelWindow;
 use super::Window;

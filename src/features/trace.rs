@@ -2,10 +2,9 @@
 
 use super::ChannelWindow;
 use super::Feature;
+use super::plans::Plans;
 use super::sensor::SensorReading;
 use crate::dsp::fft;
-use crate::dsp::fft::FftCache;
-use crate::dsp::fft::ForwardPlan;
 use crate::dsp::stats::Moments;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
@@ -40,7 +39,7 @@ impl<'a> Trace<'a> {
         reading: &SensorReading,
         run: ChannelWindow<'a>,
         rate: Hz,
-        cache: &mut FftCache<f32>,
+        plans: &mut Plans,
     ) -> Self {
         let n = fft::fast_len_at_most(run.samples.len());
         let samples = &run.samples[run.samples.len() - n..];
@@ -52,16 +51,16 @@ impl<'a> Trace<'a> {
             all: run,
             range: range_of(run),
             moments: Moments::of(run.samples),
-            x_hat: transform(samples, cache),
+            x_hat: transform(samples, plans),
             features: Vec::new(),
         }
     }
 
     /// Goes on with other samples of the same vibration, the newest of a length that transforms fast.
-    pub(super) fn replace(&mut self, mut samples: Vec<f32>, rate: Hz, cache: &mut FftCache<f32>) {
+    pub(super) fn replace(&mut self, mut samples: Vec<f32>, rate: Hz, plans: &mut Plans) {
         let n = fft::fast_len_at_most(samples.len());
         samples.drain(..samples.len() - n);
-        self.x_hat = transform(&samples, cache);
+        self.x_hat = transform(&samples, plans);
         self.samples = Cow::Owned(samples);
         self.rate = rate;
     }
@@ -72,8 +71,8 @@ impl<'a> Trace<'a> {
     }
 }
 
-fn transform(samples: &[f32], cache: &mut FftCache<f32>) -> Vec<Complex<f32>> {
-    let mut plan = ForwardPlan::new(samples.len(), cache);
+fn transform(samples: &[f32], plans: &mut Plans) -> Vec<Complex<f32>> {
+    let plan = plans.forward(samples.len());
     let mut x_hat = vec![Complex::default(); plan.n_bins()];
     plan.process(samples, &mut x_hat);
     x_hat

@@ -7,8 +7,8 @@
 //! from these samples. Must not know where the angle comes from.
 
 use super::bearing::N_HARMONICS;
+use super::plans::Plans;
 use super::trace::Trace;
-use crate::dsp::fft::FftCache;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::order_track::OrderTrackPlan;
 use crate::dsp::real::ceil_index;
@@ -44,7 +44,7 @@ pub(super) fn even(
     machine: &Machine,
     speed: (Option<Hz>, Option<&Turning>),
     traces: &mut [Trace<'_>],
-    cache: &mut FftCache<f32>,
+    plans: &mut Plans,
 ) -> bool {
     let (Some(first), Some(turning)) = speed else { return false };
     let longest_s = traces.iter().map(|t| t.samples.len() as f64 / t.rate.0).fold(0.0, f64::max);
@@ -55,7 +55,7 @@ pub(super) fn even(
         traces.iter().map(|trace| resample(trace, turning, first)).collect();
     let Some(evened) = evened else { return false };
     for (trace, (samples, rate)) in traces.iter_mut().zip(evened) {
-        trace.replace(samples, rate, cache);
+        trace.replace(samples, rate, plans);
     }
     true
 }
@@ -140,7 +140,7 @@ mod tests {
         (0..100_000).map(|i| f32::rounded(value(i))).collect()
     }
 
-    fn trace<'a>(samples: &'a [f32], cache: &mut FftCache<f32>) -> Trace<'a> {
+    fn trace<'a>(samples: &'a [f32], plans: &mut Plans) -> Trace<'a> {
         let run = ChannelWindow { start: 1_000_000, time_s: 100.0, samples };
         let reading = SensorReading {
             sensor: 0,
@@ -150,7 +150,7 @@ mod tests {
             flaw: None,
             sample_range: (1_000_000, 1_100_000),
         };
-        Trace::new(&reading, run, Hz(RATE_HZ), cache)
+        Trace::new(&reading, run, Hz(RATE_HZ), plans)
     }
 
     fn amplitude(trace: &Trace<'_>) -> f64 {
@@ -160,13 +160,13 @@ mod tests {
     #[test]
     fn a_line_that_turns_with_the_shaft_is_sharp_again() {
         for depth in [0.002, 0.02, 0.3] {
-            let mut cache = FftCache::new();
+            let mut plans = Plans::new();
             let x = samples(depth);
-            let mut traces = [trace(&x, &mut cache)];
+            let mut traces = [trace(&x, &mut plans)];
             assert!(amplitude(&traces[0]) < 0.7, "smeared over many cells");
             let turning = turning(depth, 99.0, 111.0);
             let speed = (Some(Hz(FIRST_HZ)), Some(&turning));
-            assert!(even(&machine(), speed, &mut traces, &mut cache));
+            assert!(even(&machine(), speed, &mut traces, &mut plans));
             // Knots 0.05 s apart miss the swing by 1e-4 revolutions, so the line by 0.013 rad at most.
             assert!((amplitude(&traces[0]) - 1.0).abs() < 2e-3, "{depth}");
             assert!((traces[0].rate.0 / RATE_HZ - 1.0).abs() < 1e-9, "500 points a revolution");
@@ -176,16 +176,16 @@ mod tests {
 
     #[test]
     fn a_steady_shaft_is_left_alone_and_so_is_one_whose_angle_is_known_in_part() {
-        let mut cache = FftCache::new();
+        let mut plans = Plans::new();
         let x = samples(0.02);
         for turning in [
             Turning { excursion: 5e-5, ..turning(0.02, 99.0, 111.0) },
             turning(0.02, 99.0, 107.0),
             turning(0.02, 120.0, 130.0),
         ] {
-            let mut traces = [trace(&x, &mut cache)];
+            let mut traces = [trace(&x, &mut plans)];
             let speed = (Some(Hz(FIRST_HZ)), Some(&turning));
-            assert!(!even(&machine(), speed, &mut traces, &mut cache));
+            assert!(!even(&machine(), speed, &mut traces, &mut plans));
             assert_eq!(&traces[0].samples[..], &x[..]);
         }
     }

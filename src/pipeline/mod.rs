@@ -20,6 +20,7 @@ use crate::features::ChannelFeatures;
 use crate::features::ChannelWindow;
 use crate::features::Extractor;
 use crate::features::Window;
+pub use crate::features::plans::Plans;
 pub use crate::features::speed::SpeedHints;
 use crate::machine::Machine;
 use crate::signal::Block;
@@ -204,6 +205,12 @@ impl Monitor {
     #[must_use]
     pub fn channels(&self) -> &[ChannelInfo] {
         &self.channels
+    }
+
+    /// The plans kept from window to window: monitors of one thread may exchange them, so that each needs none of
+    /// its own.
+    pub fn plans_mut(&mut self) -> &mut Plans {
+        self.extractor.plans_mut()
     }
 
     /// The ring of a channel: raw samples, gaps, counts.

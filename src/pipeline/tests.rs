@@ -3,6 +3,7 @@
 use super::Monitor;
 use super::MonitorError;
 use super::Outcome;
+use super::Plans;
 use super::Settings;
 use super::SpeedHints;
 use crate::diagnosis::baseline::Baseline;
@@ -113,6 +114,37 @@ fn block_size_changes_nothing() {
         assert_eq!(a.features, b.features);
         assert_eq!(a.alarm_events, b.alarm_events);
     }
+}
+
+/// Everything an outcome says, to the last digit.
+fn told(outcomes: &[Outcome]) -> String {
+    let all =
+        |o: &Outcome| format!("{:?}\n", (&o.features, &o.diagnosis, &o.judged, &o.alarm_events));
+    outcomes.iter().map(all).collect()
+}
+
+#[test]
+fn kept_plans_change_no_bit() {
+    // Windows of 5, 10, 10 and 3 s: plans are used again, and for other lengths between.
+    let x = signal(90_000);
+    let blocks = blocks(&x, 0..90_000, 1000);
+    let (kept, mut other) = run(&blocks);
+    let (mut always_new, mut exchanging) = (monitor(), monitor());
+    let (mut fresh, mut exchanged) = (Vec::new(), Vec::new());
+    for block in &blocks {
+        *always_new.plans_mut() = Plans::new();
+        always_new.step(block, &mut |o| fresh.push(o));
+        // Those that another machine has used, as in a shard.
+        std::mem::swap(exchanging.plans_mut(), other.plans_mut());
+        exchanging.step(block, &mut |o| exchanged.push(o));
+        std::mem::swap(exchanging.plans_mut(), other.plans_mut());
+    }
+    *always_new.plans_mut() = Plans::new();
+    always_new.finish(&mut |o| fresh.push(o));
+    exchanging.finish(&mut |o| exchanged.push(o));
+    assert!(kept.len() >= 3 && kept.iter().all(|o| !o.diagnosis.components.is_empty()));
+    assert_eq!(told(&kept), told(&fresh));
+    assert_eq!(told(&kept), told(&exchanged));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 //! Rules are set on seeds below 1000 and reported on those from 1000 on.
 
 use super::Trial;
+use super::gears;
 use super::motion::Motion;
 use super::rig;
 use super::rig::Bad;
@@ -31,6 +32,8 @@ pub struct Plan {
 pub enum Task {
     /// One record of the stand, with the name of its group.
     Stand(String, stand::Setting),
+    /// One record of a gear pair.
+    Gears(gears::Setting),
     /// All combinations of the rig at one speed, clearance and load, at these strengths of noise.
     Rig {
         /// Setting of the healthy twin.
@@ -88,7 +91,31 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
             }
         }
     }
+    tasks.extend(gear_tasks(plan));
     tasks.extend(rig_tasks(plan));
+    tasks
+}
+
+/// Whether the gears' trials have a tacho, and a baseline.
+const GEARS_HAVE: [(bool, bool); 3] = [(true, true), (false, true), (true, false)];
+
+fn gear_tasks(plan: &Plan) -> Vec<Task> {
+    let mut tasks = Vec::new();
+    for model in [gears::Model::Modulation, gears::Model::Stiffness] {
+        for (has_tacho, has_baseline) in GEARS_HAVE {
+            for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
+                tasks.extend(gears::kinds(model).iter().map(|kind| {
+                    Task::Gears(gears::Setting {
+                        model,
+                        kind: *kind,
+                        has_tacho,
+                        has_baseline,
+                        seed,
+                    })
+                }));
+            }
+        }
+    }
     tasks
 }
 
@@ -134,6 +161,7 @@ impl Task {
             Self::Stand(group, setting) => {
                 sink(stand::trial(group, setting).map_err(|e| e.to_string()));
             }
+            Self::Gears(setting) => sink(gears::trial(setting).map(|(trial, _)| trial)),
             Self::Rig { healthy, noise_db, bad } => {
                 let twin = match Rig::healthy_twin(healthy) {
                     Ok(twin) => twin,

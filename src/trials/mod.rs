@@ -10,6 +10,7 @@ pub mod motion;
 pub mod rig;
 pub mod stand;
 pub mod vibration;
+pub mod gears;
 
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
@@ -59,7 +60,7 @@ pub struct Trial {
     pub known: Known,
     /// True speed of the first shaft, mean.
     pub speed: Hz,
-    /// Whether the lines of its bearing defect stand over the noise (T5); `None` where that is not told.
+    /// Whether the lines of its bearing defect stand over the noise (T7); `None` where that is not told.
     pub is_visible: Option<bool>,
     /// The record.
     pub measured: Measured,

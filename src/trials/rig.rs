@@ -159,7 +159,7 @@ impl Rig {
     }
 
     /// Whether two of the first four harmonics of BPFI stand over noise of these levels in one channel of the damaged
-    /// bearing (T5); `None` without a defect.
+    /// bearing (T7); `None` without a defect.
     fn shows_defect(&self, levels: &[f64]) -> Option<bool> {
         self.setting.bad.bearing?;
         let machine = &self.measured.machine;

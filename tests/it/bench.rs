@@ -3,7 +3,9 @@
 use crate::support;
 use serde_json::Value;
 use std::fs;
+use std::io::Write;
 use std::path::Path;
+use std::process::Stdio;
 use tempfile::TempDir;
 
 /// Rows of the JSON document, after a look whether the CSV has as many.
@@ -107,6 +109,23 @@ fn one_job_is_told_as_an_object() {
     let ended = round("hamm");
     assert_eq!(ended.status.code(), Some(2));
     assert!(ended.stderr.contains("there is no job hamm") && ended.stderr.contains("hann"));
+}
+
+#[test]
+fn a_job_does_another_round_for_every_line() {
+    let mut command = support::command();
+    command.args(["bench", "signal", "--quick", "--job", "envelope"]);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    child.stdin.take().unwrap().write_all(b"\n\n").unwrap();
+    let ended = child.wait_with_output().unwrap();
+    let told = String::from_utf8(ended.stdout).unwrap();
+    assert!(ended.status.success() && told.lines().count() == 3, "{told}");
+    for line in told.lines() {
+        let round: Value = serde_json::from_str(line).unwrap();
+        assert_eq!(round["job"], "envelope");
+        assert!(round["call_s"].as_f64() > Some(0.0));
+    }
 }
 
 #[test]

@@ -49,6 +49,9 @@ impl Effort {
         round_s: 0.02,
     };
 
+    /// The same with rounds as long as those of the programs that take turns.
+    pub const TURNS: Self = Self { round_s: 0.1, ..Self::WHOLE };
+
     /// A second of work: shows that it works.
     pub const QUICK: Self = Self {
         n_second: 1000,
@@ -127,23 +130,41 @@ fn row(named: &mut Named, precision: &str, timing: &Timing, x: &[f64]) -> Vec<Ce
     ]
 }
 
-/// Names of the jobs that [`one_round`] knows.
+/// Names of the jobs that [`Turns`] knows.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     jobs::names().collect()
 }
 
-/// One round of one job in f32, for comparisons in which another program takes turns: an object with
-/// the processor time of a call and of a yardstick, s. `None` if there is no such job.
-#[must_use]
-pub fn one_round(name: &str, effort: &Effort) -> Option<Value> {
-    let x = recording::gearbox(HISTORY_S * effort.n_second, 1);
-    let mut named = jobs::prepare::<f32>(name, &x, effort)?;
-    // The first fills caches.
-    let _warm = clock::round_s(&mut *named.job, effort.round_s);
-    let call_s = clock::round_s(&mut *named.job, effort.round_s);
-    let yardstick_s = clock::round_s(&mut clock::Yardstick::new(), effort.round_s);
-    Some(json!({ "job": named.name, "call_s": call_s, "yardstick_s": yardstick_s }))
+/// Rounds of one job in f32, for comparisons in which another program takes turns.
+pub struct Turns {
+    named: Named,
+    yardstick: clock::Yardstick,
+    round_s: f64,
+}
+
+impl std::fmt::Debug for Turns {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Turns").field("job", &self.named.name).finish_non_exhaustive()
+    }
+}
+
+impl Turns {
+    /// Prepares the job, and does one round that is not told: it fills caches. `None` if there is no such job.
+    #[must_use]
+    pub fn new(name: &str, effort: &Effort) -> Option<Self> {
+        let x = recording::gearbox(HISTORY_S * effort.n_second, 1);
+        let mut named = jobs::prepare::<f32>(name, &x, effort)?;
+        let _warm = clock::round_s(&mut *named.job, effort.round_s);
+        Some(Self { named, yardstick: clock::Yardstick::new(), round_s: effort.round_s })
+    }
+
+    /// A round: an object with the processor time of a call and of a yardstick, s.
+    pub fn round(&mut self) -> Value {
+        let call_s = clock::round_s(&mut *self.named.job, self.round_s);
+        let yardstick_s = clock::round_s(&mut self.yardstick, self.round_s);
+        json!({ "job": self.named.name, "call_s": call_s, "yardstick_s": yardstick_s })
+    }
 }
 
 /// Error against cost, a line a transform.

@@ -47,7 +47,8 @@ healthy; wrong cause: another fault or component accused; false alarm: anything 
 machine. A run to failure is right if its first alarm comes in its second half and before its end.
 
 --grid makes its records: a motor stand with bearing defects of four strengths and eight kinds of disturbance, at
-steady and changing speed, and the simulated rig with good and bad gear, shaft and bearing at five speeds, two
+steady and changing speed, gear pairs by two models with damaged, worn and merely eccentric or
+ghost-ridden teeth, and the simulated rig with good and bad gear, shaft and bearing at five speeds, two
 clearances, two loads, four strengths of noise, with and without a baseline (twenty minutes on two cores).
 
 Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";

@@ -3,6 +3,10 @@
 use super::accuse;
 use super::acquit;
 use super::cannot_look;
+use super::gear_place;
+use super::gear_place::Growth;
+use super::gear_place::Owner;
+use super::gear_place::Wear;
 use super::shaft::is_near_critical;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
@@ -30,13 +34,7 @@ pub(super) fn judge_gear(
         verdict.why = why;
         return verdict;
     }
-    let local = all_signs
-        .iter()
-        .enumerate()
-        .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
-        .filter(|(_, _, g, _)| *g == gear)
-        .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
-        .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio));
+    let local = strongest_local(gear, all_signs);
     let Some((shaft, signs, local)) = local else {
         verdict.why =
             "no synchronous average, here or in the baseline: a tacho, or a speed confirmed by shaft harmonics, is needed"
@@ -49,25 +47,20 @@ pub(super) fn judge_gear(
         .map(|i| i.evidence.clone())
         .collect();
     let cwt_up = signs.cwt.as_ref().is_some_and(Indicator::is_up);
+    let heard_in = local.evidence.channel.as_str();
+    let reading = gear_place::reading((gear, shaft), heard_in, features, context);
+    if let Some(reading) = reading {
+        verdict.evidence.extend(gear_place::figures(reading, context));
+    }
+    let mesh = reading.and_then(|reading| mesh_growth(reading, features, context));
+    let wear = mesh.as_ref().and_then(|mesh| mesh.wear.as_ref());
+    let outgrows = gear_place::outgrows(local.ratio, mesh.as_ref());
+    if let Some(wear) = wear.filter(|_| !local.is_up() || !outgrows) {
+        accuse_of_wear(&mut verdict, wear, local, features);
+        return verdict;
+    }
     if !local.is_up() {
-        let described = context.machine.gear(gear);
-        let missing = [&described.driving, &described.driven].into_iter().find(|member| {
-            let of_member = &all_signs[member.shaft.0].local;
-            !of_member.iter().any(|(g, sign)| *g == gear && sign.is_some())
-        });
-        if let Some(member) = missing {
-            let id = &context.machine.shaft(member.shaft).id;
-            verdict.why = format!("the gear on {id} could not be averaged: its angle is not known");
-            return verdict;
-        }
-        let why =
-            format!("the localised difference signal is {:.2} times its baseline", local.ratio);
-        let why = if local.ratio >= super::UP_RATIO && local.probability >= 1.0 {
-            format!("{why}, but does not stay at one place of the revolution")
-        } else {
-            why
-        };
-        acquit(&mut verdict, local.ratio, why, features);
+        not_up(&mut verdict, gear, local, all_signs, features, context);
         return verdict;
     }
     if let Some(moved) = shaken_by(shaft, all_signs, features, context) {
@@ -78,16 +71,110 @@ pub(super) fn judge_gear(
         );
         return verdict;
     }
-    let fault = cwt_up.then_some(FaultMode::ToothDamage);
-    accuse(&mut verdict, local, fault, features);
-    verdict.why = format!(
-        "the difference signal of the synchronous average is {:.1} times its baseline at one place of the revolution in {}{}",
-        local.ratio,
-        local.evidence.channel,
-        if cwt_up { ", with 1× up" } else { ", 1× is not up: cause not proven" }
-    );
-    verdict.gear = Some(finding(gear, shaft, &local.evidence.channel, features, context));
+    let at_one_tooth = reading.is_some_and(gear_place::is_one_tooth);
+    if !at_one_tooth && !cwt_up {
+        verdict.why = format!(
+            "the difference signal of the synchronous average is {:.1} times its baseline in {heard_in}, but all round the \
+             revolution and with 1× not up: orders that are no mesh, or all teeth; no single tooth",
+            local.ratio
+        );
+        return verdict;
+    }
+    let named = (gear, shaft, reading);
+    accuse_of_a_tooth(&mut verdict, named, (local, cwt_up), features, context);
     verdict
+}
+
+/// The strongest localised sign of a gear over any shaft.
+fn strongest_local(
+    gear: GearIndex,
+    all_signs: &[ShaftSigns],
+) -> Option<(ShaftIndex, &ShaftSigns, &Indicator)> {
+    all_signs
+        .iter()
+        .enumerate()
+        .flat_map(|(s, signs)| signs.local.iter().map(move |(g, i)| (ShaftIndex(s), signs, *g, i)))
+        .filter(|(_, _, g, _)| *g == gear)
+        .filter_map(|(s, signs, _, i)| i.as_ref().map(|i| (s, signs, i)))
+        .max_by(|a, b| a.2.ratio.total_cmp(&b.2.ratio))
+}
+
+/// Tooth damage, with member, angle and tooth as far as they are known.
+fn accuse_of_a_tooth(
+    verdict: &mut ComponentDiagnosis,
+    (gear, shaft, reading): (GearIndex, ShaftIndex, Option<&GearReading>),
+    (local, cwt_up): (&Indicator, bool),
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let heard_in = local.evidence.channel.as_str();
+    accuse(verdict, local, Some(FaultMode::ToothDamage), features);
+    verdict.why = format!(
+        "the difference signal of the synchronous average is {:.1} times its baseline at one place of the revolution in {heard_in}{}",
+        local.ratio,
+        if cwt_up { ", with 1× up" } else { "" }
+    );
+    let owner =
+        reading.map_or(Owner::Shaft(shaft), |r| gear_place::owner(gear, r, features, context));
+    verdict.gear = Some(match owner {
+        Owner::Shaft(shaft) => finding(gear, shaft, heard_in, features, context),
+        Owner::Unclear => GearFinding::default(),
+    });
+}
+
+/// Growth of the mesh harmonics in the channel of an average.
+fn mesh_growth(
+    reading: &GearReading,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<Growth> {
+    let channel = features.channels.iter().find(|c| c.channel == reading.channel)?;
+    gear_place::growth(reading, channel, context)
+}
+
+/// Wear of all teeth: the higher mesh harmonics have grown, and no tooth more than the mesh.
+fn accuse_of_wear(
+    verdict: &mut ComponentDiagnosis,
+    wear: &Wear,
+    local: &Indicator,
+    features: &WindowFeatures,
+) {
+    let by = Indicator { ratio: wear.ratio, probability: wear.probability, ..local.clone() };
+    accuse(verdict, &by, Some(FaultMode::DistributedWear), features);
+    verdict.evidence.extend(wear.evidence.iter().cloned());
+    verdict.why = format!(
+        "every higher mesh harmonic is {:.1} times its baseline or more in {}, the fundamental less than half of that, and no tooth \
+         stands out of the mesh",
+        wear.ratio, local.evidence.channel
+    );
+}
+
+/// Healthy, or the other member could not be looked at.
+fn not_up(
+    verdict: &mut ComponentDiagnosis,
+    gear: GearIndex,
+    local: &Indicator,
+    all_signs: &[ShaftSigns],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let described = context.machine.gear(gear);
+    let missing = [&described.driving, &described.driven].into_iter().find(|member| {
+        let of_member = &all_signs[member.shaft.0].local;
+        !of_member.iter().any(|(g, sign)| *g == gear && sign.is_some())
+    });
+    if let Some(member) = missing {
+        let id = &context.machine.shaft(member.shaft).id;
+        verdict.why = format!("the gear on {id} could not be averaged: its angle is not known");
+        return;
+    }
+    let why = format!("the localised difference signal is {:.2} times its baseline", local.ratio);
+    let why = if local.ratio >= super::UP_RATIO && local.probability >= 1.0 {
+        format!("{why}, but does not stay at one place of the revolution")
+    } else {
+        why
+    };
+    acquit(verdict, local.ratio, why, features);
 }
 
 /// The id of a shaft of the mesh's speed whose own motion loads the mesh once a turn: its displacement is
@@ -123,12 +210,7 @@ pub(super) fn finding(
     } else {
         (GearSide::Driven, &described.driven)
     };
-    let reading = features
-        .gears
-        .iter()
-        .filter(|r: &&GearReading| r.gear == gear && same_speed(r.shaft, shaft, context))
-        .filter(|r| context.channel_name(r.channel) == heard_in)
-        .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude));
+    let reading = gear_place::reading((gear, shaft), heard_in, features, context);
     let mut finding =
         GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };
     if let Some(reading) = reading.filter(|r| r.has_angle) {

@@ -8,6 +8,7 @@ mod signs;
 mod shaft;
 mod gear;
 mod gear_signs;
+mod gear_place;
 
 use super::Context;
 use super::fault::FaultMode;

@@ -7,6 +7,7 @@ use super::Effort;
 use super::recording::{BAND_HZ, FS_HZ, IMPACTS_HZ, MESH_HZ, SHAFT_HZ};
 use super::reference;
 use crate::bench::clock::Work;
+use crate::dsp::band_envelope::BandEnvelopePlan;
 use crate::dsp::cwt_bank::{Accuracy, Rate};
 use crate::dsp::envelope::{self, EnvelopeSpectrumPlan, SquaredEnvelopePlan};
 use crate::dsp::fft::{FftCache, ForwardPlan};
@@ -322,33 +323,36 @@ impl<T: Real> EnvelopePlans<T> {
 }
 
 struct Envelope<T: Real> {
-    forward: Forward<T>,
-    plans: EnvelopePlans<T>,
+    x: Vec<T>,
+    plan: BandEnvelopePlan<T>,
+    depth: Vec<T>,
 }
 
 impl<T: Real> Envelope<T> {
     fn new(x: &[f64]) -> Self {
-        Self { forward: Forward::new(x), plans: EnvelopePlans::new(x.len(), &mut FftCache::new()) }
+        let bins = envelope::bins_of_band(x.len(), FS_HZ, BAND_HZ.0, BAND_HZ.1).unwrap_or(1..2);
+        let plan = BandEnvelopePlan::new(x.len(), bins, &mut FftCache::new());
+        let depth = zeros(plan.n_bins());
+        Self { x: narrow(x), plan, depth }
     }
 }
 
 impl<T: Real> Work for Envelope<T> {
     fn call(&mut self) {
-        self.forward.call();
-        self.plans.call(&self.forward.x_hat);
+        self.plan.process(&self.x, &mut self.depth);
     }
 }
 
 impl<T: Real> Job for Envelope<T> {
     fn error(&mut self, x: &[f64]) -> Option<f64> {
-        let n = self.forward.x.len();
+        let n = self.x.len();
         let bins = envelope::bins_of_band(n, FS_HZ, BAND_HZ.0, BAND_HZ.1)?;
-        let e2 = reference::squared_envelope(&x[..n], bins, self.plans.e2.len());
-        let bins: Vec<usize> = (0..self.plans.depth.len()).step_by(5).collect();
+        let e2 = reference::squared_envelope(&x[..n], bins, 2 * (self.depth.len() - 1));
+        let bins: Vec<usize> = (0..self.depth.len()).step_by(5).collect();
         let mean = reference::mean(&e2);
         let exact = reference::amplitudes(&e2, e2.len(), &bins);
         let exact: Vec<f64> = exact.iter().map(|value| value / mean).collect();
-        relative_real(bins.iter().map(|k| self.plans.depth[*k]), &exact)
+        relative_real(bins.iter().map(|k| self.depth[*k]), &exact)
     }
 }
 

@@ -1,0 +1,231 @@
+//! What the energy of a gear's average is of: one tooth, all teeth, or neither; and of which member.
+
+use super::UP_RATIO;
+use super::signs::same_speed;
+use crate::diagnosis::Context;
+use crate::diagnosis::confidence;
+use crate::diagnosis::verdict::Evidence;
+use crate::features::ChannelFeatures;
+use crate::features::WindowFeatures;
+use crate::features::gear;
+use crate::features::gear::GearReading;
+use crate::machine::GearIndex;
+use crate::machine::ShaftIndex;
+use crate::units::Unit;
+
+/// Energy at one place is of one tooth if teeth that differ by chance would show it this rarely: the growth is
+/// proven beside it, this only says of what.
+const ONE_TOOTH: f64 = 0.01;
+
+/// Wear of all teeth shows in the higher harmonics: these must have grown this many times as much as the fundamental,
+/// which load and the sensor's gain move alike.
+const MORE_THAN_THE_FUNDAMENTAL: f64 = 2.0;
+
+/// A tooth's energy must have grown this many times as much as the mesh: what grows with all teeth is theirs.
+const MORE_THAN_THE_MESH: f64 = 2.0;
+
+/// Of two members whose averages both show one place, the faster is damaged if its amplitude is this part of the
+/// slower's at least, …
+const SAME: f64 = 0.75;
+
+/// … the slower if at most this: a tooth of the slower wheel meets every n-th turn of the faster, n ≥ 2, and an
+/// average over all keeps 1/n.
+const HALF: f64 = 0.6;
+
+/// Probability that of z teeth whose energy scatters by chance one stands out so (C21): C1 of its power over the
+/// mean of the others, ν = z − 1, times z.
+pub(super) fn chance_of_one_tooth(reading: &GearReading) -> f64 {
+    let z = f64::from(reading.teeth);
+    let q = reading.localisation.peak_over_mean;
+    // Mean of the others: (z − q)/(z − 1) of the mean of all.
+    let others = (z - q) / (z - 1.0);
+    if others <= 0.0 {
+        return 0.0;
+    }
+    (confidence::cell_tail(q / others, z - 1.0) * z).min(1.0)
+}
+
+pub(super) fn is_one_tooth(reading: &GearReading) -> bool {
+    chance_of_one_tooth(reading) <= ONE_TOOTH
+}
+
+/// The average of a gear over a shaft (or one of its speed) in the channel of this name.
+pub(super) fn reading<'a>(
+    (gear, shaft): (GearIndex, ShaftIndex),
+    channel: &str,
+    features: &'a WindowFeatures,
+    context: &Context<'_>,
+) -> Option<&'a GearReading> {
+    let readings = features.gears.iter();
+    readings
+        .filter(|r| r.gear == gear && same_speed(r.shaft, shaft, context))
+        .filter(|r| context.channel_name(r.channel) == channel)
+        .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude))
+}
+
+/// Whose tooth it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Owner {
+    /// A gear on this shaft.
+    Shaft(ShaftIndex),
+    /// That of one member shows in the other's average, and their amplitudes do not say which is whose.
+    Unclear,
+}
+
+/// The member whose average shows one tooth; of two the faster if the other is its echo (C22).
+pub(super) fn owner(
+    gear: GearIndex,
+    found: &GearReading,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Owner {
+    let others = features.gears.iter().filter(|r| {
+        (r.gear, r.channel) == (gear, found.channel)
+            && !same_speed(r.shaft, found.shaft, context)
+            && is_one_tooth(r)
+    });
+    let Some(other) = others.max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude)) else {
+        return Owner::Shaft(found.shaft);
+    };
+    let (fast, slow) =
+        if found.revolutions >= other.revolutions { (found, other) } else { (other, found) };
+    let part = fast.local_amplitude / slow.local_amplitude;
+    if part >= SAME {
+        Owner::Shaft(fast.shaft)
+    } else if part <= HALF {
+        Owner::Shaft(slow.shaft)
+    } else {
+        Owner::Unclear
+    }
+}
+
+/// How far the mesh has grown.
+#[derive(Debug, Clone)]
+pub(super) struct Growth {
+    /// Largest ratio to the baseline of a mesh harmonic.
+    pub(super) largest: f64,
+    /// The second smallest of the ratios of the higher harmonics if wear is proven by them.
+    pub(super) wear: Option<Wear>,
+}
+
+/// Wear of all teeth, as far as the mesh harmonics prove it.
+#[derive(Debug, Clone)]
+pub(super) struct Wear {
+    pub(super) ratio: f64,
+    pub(super) probability: f64,
+    pub(super) evidence: Vec<Evidence>,
+}
+
+/// Reads the growth of the mesh harmonics in the average of a gear over a shaft (J5).
+pub(super) fn growth(
+    found: &GearReading,
+    channel: &ChannelFeatures,
+    context: &Context<'_>,
+) -> Option<Growth> {
+    let machine = context.machine;
+    let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
+    let channel_name = context.channel_name(channel.channel);
+    let compared: Vec<_> = (1..=gear::MESH_HARMONICS)
+        .filter_map(|h| {
+            let name = gear::mesh_name(h, gear, shaft);
+            let value = channel.get(&name)?;
+            Some((h, name.clone(), context.baseline.compare(channel_name, &name, value)?))
+        })
+        .collect();
+    let largest = compared.iter().map(|(.., c)| c.ratio).fold(0.0, f64::max);
+    let fundamental = compared.iter().find(|(h, ..)| *h == 1)?.2;
+    let higher: Vec<_> = compared.iter().filter(|(h, ..)| *h > 1).collect();
+    // All of them, two at least: one alone may have met a resonance.
+    let least = higher.iter().map(|(.., c)| c.ratio).fold(f64::INFINITY, f64::min);
+    let probability =
+        higher.iter().map(|(.., c)| confidence::normal_tail(c.z())).fold(0.0, f64::max);
+    let is_worn = higher.len() >= 2
+        && least >= UP_RATIO
+        && least >= MORE_THAN_THE_FUNDAMENTAL * fundamental.ratio
+        && probability <= confidence::FALSE_ALARM_PROBABILITY;
+    let evidence =
+        |(_, name, c): &&(usize, String, crate::diagnosis::baseline::Comparison)| Evidence {
+            indicator: format!("{name}_ratio_to_baseline"),
+            channel: channel_name.to_owned(),
+            detector: None,
+            frequency: None,
+            expected: None,
+            order: None,
+            value: c.ratio,
+            unit: Unit::One,
+            threshold: Some(UP_RATIO),
+            false_alarm_probability: Some(confidence::normal_tail(c.z())),
+            sample_range: Some(channel.sample_range),
+        };
+    let wear = is_worn.then(|| Wear {
+        ratio: least,
+        probability,
+        evidence: higher.iter().map(evidence).collect(),
+    });
+    Some(Growth { largest, wear })
+}
+
+/// Whether energy at one place has grown more than the mesh itself.
+pub(super) fn outgrows(ratio: f64, mesh: Option<&Growth>) -> bool {
+    mesh.is_none_or(|mesh| {
+        ratio >= MORE_THAN_THE_MESH * mesh.largest.max(1.0) || mesh.wear.is_none()
+    })
+}
+
+/// The figures of merit behind a verdict, with what Gaussian noise has.
+pub(super) fn figures(found: &GearReading, context: &Context<'_>) -> Vec<Evidence> {
+    let figures =
+        [("fm4", found.figures.fm4), ("m6a", found.figures.m6a), ("m8a", found.figures.m8a)];
+    let machine = context.machine;
+    let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
+    let evidence = |(name, value): (&str, Option<f64>)| {
+        Some(Evidence {
+            indicator: format!("{name}_{gear}_{shaft}"),
+            channel: context.channel_name(found.channel).to_owned(),
+            detector: None,
+            frequency: None,
+            expected: None,
+            order: None,
+            value: value?,
+            unit: Unit::One,
+            threshold: None,
+            false_alarm_probability: None,
+            sample_range: Some(found.sample_range),
+        })
+    };
+    figures.into_iter().filter_map(evidence).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    /// Of z teeth with exponential powers, how often the highest exceeds `q` times the mean of all.
+    fn share_above(q: f64, z: u32) -> f64 {
+        const TRIES: u32 = 20_000;
+        let mut random = Pcg64Mcg::seed_from_u64(7);
+        let mut n = 0_u32;
+        for _ in 0..TRIES {
+            let powers = (0..z).map(|_| -random.random_range(f64::MIN_POSITIVE..1.0_f64).ln());
+            let (sum, most) = powers.fold((0.0, 0.0_f64), |(s, m), p| (s + p, m.max(p)));
+            n += u32::from(most * f64::from(z) >= q * sum);
+        }
+        f64::from(n) / f64::from(TRIES)
+    }
+
+    #[test]
+    fn the_chance_of_one_tooth_is_that_of_scattering_teeth() {
+        for (z, q) in [(20_u32, 6.0), (20, 7.0), (60, 8.0), (60, 9.5)] {
+            let zf = f64::from(z);
+            let others = (zf - q) / (zf - 1.0);
+            let told = confidence::cell_tail(q / others, zf - 1.0) * zf;
+            let found = share_above(q, z);
+            // Bonferroni's sum is exact where two teeth cannot both stand out; 4 σ of the count.
+            let sigma = (told / 20_000.0).sqrt();
+            assert!((found - told).abs() < 4.0 * sigma + 0.1 * told, "{z} {q}: {found} {told}");
+        }
+    }
+}
