@@ -110,7 +110,11 @@ pub(super) fn why_open(
     });
     let in_few = || {
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
-        let deep = of_elements.find(|c| c.is_deep_in_few() && !has_not_grown(c, seen))?;
+        // A smooth motion in few bands is what a sound bearing shows.
+        let is_odd = |c: &&Candidate<'_>| {
+            c.is_deep_in_few() && !is_smooth(c, seen) && !has_not_grown(c, seen)
+        };
+        let deep = of_elements.find(is_odd)?;
         Some(in_few_bands(deep, seen.context))
     };
     let of_several = || {
@@ -135,7 +139,18 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
         frequency.is_some_and(|f| without_owner.any(|a| a.is_at(f, line.search.resolution)))
     };
     let proven = readable.map(|s| Candidate::weigh(s, &[], looks)).filter(Candidate::is_proven);
-    let line = proven.filter(is_nobodys).max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
+    let would_accuse = |line: &Candidate<'_>| {
+        line.is_surely_deep()
+            && line.is_agreed()
+            && !line.is_bare()
+            && !line.is_carried()
+            && !is_smooth(line, seen)
+            && !has_not_grown(line, seen)
+    };
+    let line = proven
+        .filter(is_nobodys)
+        .filter(would_accuse)
+        .max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
     Some(format!(
         "{}; it is heard best where events of the shaft that passing elements modulate would explain it: neither \
          accused nor acquitted",
