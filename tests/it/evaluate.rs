@@ -247,9 +247,9 @@ fn a_thin_grid_has_no_wrong_cause_and_no_false_alarm() {
     assert_eq!(count("wrong_cause", "count"), 0, "{:#}", document["mistakes"]);
     // 5 motions × 2 seeds × 8 disturbances, and rigs without what can be told of them.
     assert!(count("false_alarm", "of") >= 80);
-    // Strong defects (0 and 5 dB) are found: 2 of 4 strengths, almost all; weak ones in part.
+    // Strong defects (0 and 5 dB) are found: 2 of 4 strengths, almost all; weak ones, and damaged gears, in part.
     let (right, of) = (count("right_of_faulty", "count"), count("right_of_faulty", "of"));
-    assert!(5 * right >= 3 * of, "{right} of {of}");
+    assert!(20 * right >= 11 * of, "{right} of {of}");
     let rows = fs::read_to_string(dir.path().join("figures/verdicts.csv")).unwrap();
     assert_eq!(rows.lines().count(), document["records"].as_array().unwrap().len() + 1);
 }
