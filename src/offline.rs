@@ -7,9 +7,9 @@ use crate::capture::hints::Hints;
 use crate::capture::info::CaptureInfo;
 use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
-use crate::features::ChannelFeatures;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::limits::Limits;
@@ -127,9 +127,10 @@ pub fn learn(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Record, OfflineError> {
     let run = run(file, reference, progress)?;
-    let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> =
-        run.outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
-    Ok(Record::of_windows(&file.display().to_string(), &windows, run.monitor.channels()))
+    let offered: Vec<Offered<'_>> = run.outcomes.iter().map(Outcome::offered).collect();
+    let (channels, machine) = (run.monitor.channels(), run.monitor.machine());
+    let name = file.display().to_string();
+    Ok(Record::of_offered(&name, &offered, channels, &machine.limits.load_bins))
 }
 
 /// The machine by which a capture is judged: the one given, its own, or an implied one of sensors only.
@@ -304,6 +305,7 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
         provisional_segments: provisional
             .filter(|_| none_given)
             .and_then(|n| u32::try_from(n.div_ceil(10)).ok()),
+        load: info.load,
         alarms: crate::pipeline::Settings::default().alarms,
     }
 }

@@ -145,6 +145,8 @@ pub(crate) fn sample_diagnosis() -> Diagnosis {
             name: "healthy.h5".to_owned(),
             used: true,
             reason: "speed within 5 %".to_owned(),
+            id: Some("343e1662793c64bf6f0d3597ba446f18".into()),
+            n_windows: 60,
         }],
         provisional_baseline: None,
         timeline: Some(Timeline {

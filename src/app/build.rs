@@ -373,7 +373,8 @@ fn monitor(
         }
     };
     let hints = SpeedHints { option: None, capture: info.shaft_speed };
-    let settings = Settings { baseline: baseline(entry)?, ..config.monitor.clone() };
+    let (baseline, load) = (baseline(entry)?, info.load);
+    let settings = Settings { baseline, load, ..config.monitor.clone() };
     let mut monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
     let key = stream_key(config, entry, info.start_time);
@@ -473,8 +474,13 @@ mod tests {
             full_scale: None,
         };
         let channels = vec![channel; n_channels];
-        let info =
-            StreamInfo { channels, start_time: None, shaft_speed: None, received: Vec::new() };
+        let info = StreamInfo {
+            channels,
+            start_time: None,
+            shaft_speed: None,
+            load: None,
+            received: Vec::new(),
+        };
         Ok(Stream { info, simulated: None })
     }
 

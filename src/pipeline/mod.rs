@@ -12,6 +12,8 @@ use crate::buffer::Ring;
 use crate::buffer::RingStatus;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Offered;
+use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
@@ -49,6 +51,8 @@ pub struct Settings {
     pub provisional_segments: Option<u32>,
     /// Alarm policy.
     pub alarms: crate::alarms::Settings,
+    /// Load that the data state, in the unit of the load sensor; one that a sensor measures goes before.
+    pub load: Option<f64>,
 }
 
 impl Default for Settings {
@@ -60,6 +64,7 @@ impl Default for Settings {
             baseline: Baseline::default(),
             provisional_segments: None,
             alarms: crate::alarms::Settings::default(),
+            load: None,
         }
     }
 }
@@ -77,6 +82,15 @@ pub struct Outcome {
     pub judged: Judged,
     /// What changed for the operator.
     pub alarm_events: Vec<AlarmEvent>,
+}
+
+impl Outcome {
+    /// The window as a baseline takes it.
+    #[must_use]
+    pub fn offered(&self) -> Offered<'_> {
+        let (point, unfit) = (self.judged.point(), self.judged.unfit_for_baseline());
+        Offered { point, unfit, features: &self.features }
+    }
 }
 
 /// Why a monitor cannot be built.
@@ -264,8 +278,10 @@ impl Monitor {
         let copies: Vec<Option<Copied>> =
             (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
-        let features = self.extractor.extract(&Window { time_s, channels });
-        let (baseline, uses) = self.baseline.at_speed(features.speed.first);
+        let mut features = self.extractor.extract(&Window { time_s, channels });
+        features.load = features.load.or(self.settings.load);
+        let point = OperatingPoint { speed: features.speed.first, load: features.load };
+        let (baseline, uses) = self.baseline.at(&point, &self.machine.limits.load_bins);
         let context = Context {
             machine: &self.machine,
             channels: &self.channels,

@@ -187,6 +187,7 @@ fn judged_with(
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
         speed,
+        load: None,
         sensors: Vec::new(),
         channels: features(signs),
         shaft_lines: (0..2)
