@@ -221,6 +221,19 @@ impl Monitor {
         &self.channels
     }
 
+    /// Uses these records of signed baselines from now on, instead of those before; captures that were only
+    /// named stay. What a stream's own beginning gave gives way.
+    pub fn use_signed(&mut self, records: Vec<Record>) {
+        let named = self.baseline.records.iter().filter(|record| record.baseline.is_none());
+        let is_kept = records.is_empty() || !self.baseline.provisional;
+        let named = named.filter(|_| is_kept).cloned();
+        let provisional = is_kept && self.baseline.provisional;
+        let records: Vec<Record> = named.chain(records).collect();
+        if records != self.baseline.records {
+            self.baseline = Baseline { records, provisional };
+        }
+    }
+
     /// The plans kept from window to window: monitors of one thread may exchange them, so that each needs none of
     /// its own.
     pub fn plans_mut(&mut self) -> &mut Plans {

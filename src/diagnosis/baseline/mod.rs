@@ -29,6 +29,15 @@ pub const ASSUMED_LOG_SCATTER: f64 = 0.2;
 /// Records from which scatter is measured.
 pub const MIN_RECORDS_FOR_SCATTER: usize = 5;
 
+/// End of the name of a ratio to a baseline: shown beside the features, never learned.
+const RATIO: &str = "_ratio";
+
+/// Whether a feature is a ratio to a baseline ([`Baseline::cwt_ratios`]).
+#[must_use]
+pub fn is_ratio(feature: &str) -> bool {
+    feature.contains("cwt_") && feature.ends_with(RATIO)
+}
+
 /// The healthy records of a machine.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Baseline {
@@ -89,7 +98,7 @@ impl Baseline {
         let amplitudes = features.values.iter().filter(|f| f.name.contains("cwt_"));
         let ratio = |feature: &Feature| {
             let compared = self.compare(channel, &feature.name, feature.value)?;
-            let name = Arc::from(format!("{}_ratio", feature.name));
+            let name = Arc::from(format!("{}{RATIO}", feature.name));
             Some(Feature { name, value: compared.ratio, unit: Unit::One })
         };
         amplitudes.filter_map(ratio).collect()

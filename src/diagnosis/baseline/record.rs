@@ -1,8 +1,10 @@
 //! One healthy record: its features over its windows, told robustly, and which windows went into it.
 
+use super::is_ratio;
 use super::robust;
 use super::state::OperatingPoint;
 use crate::features::ChannelFeatures;
+use crate::features::Feature;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use std::collections::BTreeMap;
@@ -107,7 +109,8 @@ impl Record {
         let mut logs: BTreeMap<(String, String), Vec<f64>> = BTreeMap::new();
         for features in fit.iter().flat_map(|window| window.features) {
             let channel = &channels[features.channel.0].name;
-            for feature in features.values.iter().filter(|f| f.value > 0.0) {
+            let learned = |f: &&Feature| f.value > 0.0 && !is_ratio(&f.name);
+            for feature in features.values.iter().filter(learned) {
                 let key = (channel.clone(), feature.name.to_string());
                 logs.entry(key).or_default().push(feature.value.ln());
             }
@@ -143,7 +146,6 @@ fn median_point(windows: &[&Offered<'_>]) -> OperatingPoint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::features::Feature;
     use crate::signal::ChannelIndex;
     use crate::units::Unit;
 
@@ -159,7 +161,8 @@ mod tests {
     }
 
     fn features(rms: f64) -> Vec<ChannelFeatures> {
-        let values = vec![Feature { name: Arc::from("rms"), value: rms, unit: Unit::One }];
+        let value = |name: &str| Feature { name: Arc::from(name), value: rms, unit: Unit::One };
+        let values = vec![value("rms"), value("cwt_1x_main_ratio")];
         vec![ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values }]
     }
 
@@ -188,6 +191,7 @@ mod tests {
             [1.0, 1.1, 0.9, 1.05, 0.95, 1.0, 300.0, 1e-9, 1.0].map(good).into_iter().collect();
         let found = record(&windows);
         assert!(rms(&found).log_value.abs() < 1e-12 && rms(&found).n_windows == 9);
+        assert_eq!(found.usual.len(), 1, "a ratio to a baseline is no feature of the machine");
         // Without the two, the standard deviation of ln is 0.066; a mean would have made it 6.
         assert!(rms(&found).log_scatter.unwrap() < 0.15, "{found:?}");
     }

@@ -14,6 +14,12 @@ use std::sync::Arc;
 const BASIS: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
 const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
 
+/// Longest author or comment, in characters.
+pub const MAX_TEXT_CHARS: usize = 2000;
+
+/// Baselines a machine may have: more are refused, so that a store does not fill up unseen.
+pub const MAX_BASELINES: usize = 200;
+
 /// A signed baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signed {
@@ -47,6 +53,17 @@ pub enum SignError {
     /// No record was given.
     #[error("no record was given")]
     None,
+    /// Who is not said.
+    #[error("the author must not be empty")]
+    NoAuthor,
+    /// Author or comment is too long.
+    #[error("{field} has {found} characters, at most {MAX_TEXT_CHARS} are allowed")]
+    TextTooLong {
+        /// Which text.
+        field: &'static str,
+        /// Its length.
+        found: usize,
+    },
     /// Records of different operating states.
     #[error("{record}: {why}: learn a baseline for each operating state")]
     States {
@@ -57,11 +74,28 @@ pub enum SignError {
     },
 }
 
+/// Checks who does something to a baseline, and why.
+///
+/// # Errors
+/// When the author is empty or a text too long.
+pub fn check_by(author: &str, comment: &str) -> Result<(), SignError> {
+    if author.trim().is_empty() {
+        return Err(SignError::NoAuthor);
+    }
+    for (field, text) in [("author", author), ("comment", comment)] {
+        let found = text.chars().count();
+        if found > MAX_TEXT_CHARS {
+            return Err(SignError::TextTooLong { field, found });
+        }
+    }
+    Ok(())
+}
+
 impl Signed {
     /// Signs records of one operating state.
     ///
     /// # Errors
-    /// When there is none, one of them is empty, or they are of different states.
+    /// When there is none, one of them is empty, they are of different states, or a text is not allowed.
     pub fn new(
         machine: &str,
         (author, comment): (&str, &str),
@@ -69,6 +103,7 @@ impl Signed {
         records: Vec<Record>,
         load_bins: &[f64],
     ) -> Result<Self, SignError> {
+        check_by(author, comment)?;
         let first = records.first().ok_or(SignError::None)?.point;
         for record in &records {
             let name = || record.name.clone();
@@ -110,6 +145,18 @@ impl Signed {
         OperatingPoint { speed: robust::median(&speeds).map(Hz), load: robust::median(&loads) }
     }
 
+    /// Ids of those of `others`, of one machine, whose place it takes: they are of its operating state.
+    #[must_use]
+    pub fn replaces<'o>(
+        &self,
+        others: impl Iterator<Item = &'o Self>,
+        load_bins: &[f64],
+    ) -> Vec<Arc<str>> {
+        let is_replaced =
+            |other: &&Self| other.id != self.id && other.point().is_same(&self.point(), load_bins);
+        others.filter(is_replaced).map(|other| Arc::clone(&other.id)).collect()
+    }
+
     /// Digest of everything but the id.
     fn digest(&self) -> String {
         let mut digest = Digest(BASIS);
@@ -145,9 +192,10 @@ impl Digest {
         self.bytes(text.as_bytes());
     }
 
+    /// Either zero counts as 0: databases hold one only.
     fn number(&mut self, number: Option<f64>) {
         self.bytes(&[u8::from(number.is_some())]);
-        self.bytes(&number.map_or(0, f64::to_bits).to_le_bytes());
+        self.bytes(&number.map_or(0, |number| (number + 0.0).to_bits()).to_le_bytes());
     }
 
     fn record(&mut self, record: &Record) {
@@ -233,6 +281,9 @@ mod tests {
     #[test]
     fn records_that_make_no_baseline_are_refused_with_the_remedy() {
         assert_eq!(sign(Vec::new()), Err(SignError::None));
+        assert_eq!(check_by(" \t", ""), Err(SignError::NoAuthor));
+        assert_eq!(check_by("ä", &"ä".repeat(MAX_TEXT_CHARS)), Ok(()));
+        assert!(check_by("a", &"a".repeat(MAX_TEXT_CHARS + 1)).is_err());
         let states = sign(vec![record("a", 10.0), record("b", 12.0)]).unwrap_err().to_string();
         assert!(states.starts_with("b: its speed of 12.00 Hz"), "{states}");
         let empty = Record { usual: BTreeMap::new(), n_windows: 0, ..record("c", 10.0) };
@@ -247,5 +298,12 @@ mod tests {
     fn the_state_is_the_median_of_the_records() {
         let signed = sign(vec![record("a", 10.0), record("b", 10.4), record("c", 10.1)]).unwrap();
         assert_eq!(signed.point().speed, Some(Hz(10.1)));
+    }
+
+    #[test]
+    fn a_baseline_takes_the_place_of_those_of_its_operating_state() {
+        let [a, b, c] = [10.0, 10.3, 20.0].map(|hz| sign(vec![record("r", hz)]).unwrap());
+        let others = [a.clone(), b.clone(), c];
+        assert_eq!(a.replaces(others.iter(), &[]), [b.id]);
     }
 }
