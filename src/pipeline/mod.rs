@@ -15,6 +15,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::drift;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
@@ -119,6 +120,7 @@ pub struct Monitor {
     segment: Option<u32>,
     extractor: Extractor,
     baseline: Baseline,
+    drift: drift::Watch,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
     alarms: AlarmEngine,
@@ -155,6 +157,7 @@ impl Monitor {
             segment: None,
             extractor,
             baseline: settings.baseline.clone(),
+            drift: drift::Watch::default(),
             provisional: Vec::new(),
             rejected: Vec::new(),
             alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
@@ -303,6 +306,9 @@ impl Monitor {
             offered_baselines: uses.len(),
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
+        let is_fit = judged.unfit_for_baseline().is_none();
+        let window = drift::Window { time_s, features: &features.channels, is_fit };
+        self.drift.observe(&window, &baseline, &self.channels);
         let mut diagnosis = summary::of_window(&self.machine.id, &judged);
         self.add_stream_facts(&mut diagnosis);
         let measured = Measured {
@@ -429,6 +435,8 @@ impl Monitor {
                 }
             }
         }
+        let drifts = self.drift.drifts(&self.channels);
+        diagnosis.warnings.extend(drifts.iter().map(drift::Drift::text));
         if self.baseline.provisional {
             let n = self.baseline.records.len();
             diagnosis.provisional_baseline = Some(format!("the first {n} windows of this record"));
