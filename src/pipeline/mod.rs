@@ -16,6 +16,7 @@ use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::drift;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
@@ -54,6 +55,8 @@ pub struct Settings {
     pub alarms: crate::alarms::Settings,
     /// Load that the data state, in the unit of the load sensor; one that a sensor measures goes before.
     pub load: Option<f64>,
+    /// How many false alarms are allowed.
+    pub false_alarms: FalseAlarms,
 }
 
 impl Default for Settings {
@@ -66,6 +69,7 @@ impl Default for Settings {
             provisional_segments: None,
             alarms: crate::alarms::Settings::default(),
             load: None,
+            false_alarms: FalseAlarms::default(),
         }
     }
 }
@@ -304,6 +308,7 @@ impl Monitor {
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline: &baseline,
             offered_baselines: uses.len(),
+            false_alarm_probability: self.settings.false_alarms.per_decision,
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
         let is_fit = judged.unfit_for_baseline().is_none();
@@ -418,6 +423,7 @@ impl Monitor {
     /// Adds counts, unit conflicts and absent channels.
     fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
         self.count(diagnosis);
+        diagnosis.notes.extend(self.settings.false_alarms.note());
         let sensors = self.machine.sensors.iter().zip(self.extractor.channel_of_sensor());
         for (sensor, channel) in sensors {
             match channel {

@@ -213,6 +213,7 @@ fn judged_with(
             channel_of_sensor: &channel_of_sensor,
             baseline: &baseline,
             offered_baselines: baseline.records.len(),
+            false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         },
     )
 }

@@ -111,6 +111,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         channel_of_sensor: &[Some(ChannelIndex(0))],
         baseline: &baseline,
         offered_baselines: 0,
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context)
 }
