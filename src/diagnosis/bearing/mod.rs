@@ -69,7 +69,13 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let seen = Seen { bearing, features, context, accepted };
-    let Sorted { proven, shared, doubts } = doubt::sort(&candidates, &seen);
+    let Sorted { mut proven, mut shared, doubts } = doubt::sort(&candidates, &seen);
+    // A line that is there by the usual measure, but not as surely as this decision asks, is not acquitted either.
+    let is_sure = |c: &Candidate<'_>| c.probability() <= context.false_alarm_probability;
+    let accusing = proven.iter().copied().chain(shared.iter().map(|(c, _)| *c));
+    let unsure = accusing.filter(|c| !is_sure(c)).map(|c| unsure(c, context)).next();
+    proven.retain(|c| is_sure(c));
+    shared.retain(|(c, _)| is_sure(c));
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -84,6 +90,7 @@ fn judge_one(
             Some(Growth::Beside(grown, other)) => {
                 verdict.why = doubt::beside(&grown, other, context);
             }
+            None if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
             None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
                 None => acquit(&mut verdict, &candidates, &searches, accepted, features),
@@ -237,6 +244,16 @@ fn accuse_by_growth(
     let speed = 0.5 + 0.5 * features.speed.confidence;
     verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
     verdict.why = grown.sentence(context);
+}
+
+/// Why a line does not accuse in this decision.
+fn unsure(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}, but it may be chance with a probability of {:.1e}, and accusations are held to {:.1e}",
+        sentence(candidate, context),
+        candidate.probability(),
+        context.false_alarm_probability
+    )
 }
 
 /// Which element a line accuses.
