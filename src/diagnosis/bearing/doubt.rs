@@ -144,7 +144,7 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
             && line.is_agreed()
             && !line.is_bare()
             && !line.is_carried()
-            && !is_smooth(line, seen)
+            && !is_smooth_among(line, seen, |s| Candidate::weigh_all(s, &[], 1.0))
             && !has_not_grown(line, seen)
     };
     let line = proven
@@ -161,14 +161,21 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
 /// rate.
 fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    is_smooth_among(line, seen, |s| Candidate::weigh(s, seen.accepted, 1.0))
+}
+
+/// The same with each search weighed so: a line that is nobody's is among those accepted and would explain itself.
+fn is_smooth_among<'a>(
+    line: &Candidate<'_>,
+    seen: &Seen<'a>,
+    weigh: impl Fn(&'a LineSearch) -> Candidate<'a>,
+) -> bool {
     let near = |s: &&LineSearch| {
         let (a, b) = (s.expected.0, line.search.expected.0);
         (a - b).abs() <= s.resolution.0 && s.outcome.is_ok()
     };
     let searches = seen.features.bearing_lines.iter().filter(near);
-    let lines: Vec<Candidate<'_>> =
-        searches.map(|s| Candidate::weigh(s, seen.accepted, 1.0)).collect();
-    candidate::is_smooth(&lines)
+    candidate::is_smooth(&searches.map(weigh).collect::<Vec<_>>())
 }
 
 /// Whether a baseline has this line of the absolute vibration and it has not grown since.
@@ -277,3 +284,7 @@ fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
         names.join(", ")
     ))
 }
+
+#[cfg(test)]
+#[path = "doubt_tests.rs"]
+mod tests;
