@@ -18,6 +18,7 @@ use super::sensor::SensorReading;
 use super::shaft;
 use super::speed;
 use super::speed::Peak;
+use super::speed::Phase;
 use super::speed::Speed;
 use super::speed::SpeedHints;
 use super::trace;
@@ -94,23 +95,7 @@ impl Extractor {
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
-            for trace in &mut traces {
-                let info = &self.channels[trace.channel.0];
-                shaft_lines.extend(over_floor(&machine, trace, first));
-                trace.features.extend(shaft_features(
-                    &machine,
-                    trace,
-                    info,
-                    first,
-                    self.plans.tables(),
-                ));
-                let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
-                trace.features.extend(limit::orders(&machine, sensor, run, first, info.unit));
-                let run = (trace.all.samples, info.sample_rate);
-                let (start_s, phase) = (trace.start_s(), speed.phase.as_ref());
-                let found = limit::vector(&machine, sensor, run, start_s, phase, info.unit);
-                trace.features.extend(found);
-            }
+            shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             let mut reader = LineReader::new(&machine, first);
             for trace in &traces {
                 let sensor = &machine.sensors[trace.sensor];
@@ -151,6 +136,28 @@ impl Extractor {
             absolute_lines,
             gears,
         }
+    }
+
+    /// Adds to every trace what is read along the shafts; the 1× lines against the noise around them.
+    fn along_shafts(
+        &mut self,
+        machine: &Machine,
+        traces: &mut [Trace<'_>],
+        (first, phase): (Hz, Option<&Phase>),
+    ) -> Vec<shaft::OverFloor> {
+        let mut lines = Vec::new();
+        for trace in traces {
+            let info = &self.channels[trace.channel.0];
+            lines.extend(over_floor(machine, trace, first));
+            trace.features.extend(shaft_features(machine, trace, info, first, self.plans.tables()));
+            let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
+            trace.features.extend(limit::orders(machine, sensor, run, first, info.unit));
+            let run = (trace.all.samples, info.sample_rate);
+            let start_s = trace.start_s();
+            let found = limit::vector(machine, sensor, run, start_s, phase, info.unit);
+            trace.features.extend(found);
+        }
+        lines
     }
 
     /// Health of every sensor that has a channel.

@@ -223,3 +223,5 @@ fn named(backup: Option<&PathBuf>) -> String {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod writer_tests;
