@@ -82,22 +82,24 @@ impl Extractor {
     pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
         let machine = Arc::clone(&self.machine);
         let mut sensors = self.read_sensors(window);
-        let mut traces = self.vibration_traces(window, &sensors);
+        let (mut traces, mut cut) = self.vibration_traces(window, &sensors);
         for trace in &mut traces {
             let unit = self.channels[trace.channel.0].unit;
             let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
             trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
         }
-        let mut speed = self.speed(window, &sensors, &traces);
+        let heard = if traces.is_empty() { &cut } else { &traces };
+        let mut speed = self.speed(window, &sensors, heard);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
-        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans);
+        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
+            | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let mut absolute_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             let mut reader = LineReader::new(&machine, first);
-            for trace in &traces {
+            for trace in traces.iter().chain(&cut) {
                 let sensor = &machine.sensors[trace.sensor];
                 let range = trace.range;
                 bearing_lines.extend(reader.envelope_lines(
@@ -201,28 +203,35 @@ impl Extractor {
             .collect()
     }
 
-    /// Levels and spectra of the vibration channels whose sensor is alive.
+    /// Levels and spectra of the vibration channels whose sensor is alive; apart, those that are cut at the range, of
+    /// which only rates can be read: a level is too low, and a cut sine has harmonics.
     fn vibration_traces<'a>(
         &mut self,
         window: &Window<'a>,
         sensors: &[SensorReading],
-    ) -> Vec<Trace<'a>> {
-        let mut traces = Vec::new();
+    ) -> (Vec<Trace<'a>>, Vec<Trace<'a>>) {
+        let (mut traces, mut cut) = (Vec::new(), Vec::new());
         for reading in sensors {
             let sensor = &self.machine.sensors[reading.sensor];
             let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else {
                 continue;
             };
-            if reading.flaw.is_some() || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
+            if quantity(sensor.kind).is_none() || run.samples.len() < 16 {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
+            if reading.is_cut() {
+                cut.push(Trace::new(reading, run, info.sample_rate, &mut self.plans));
+            }
+            if reading.flaw.is_some() {
+                continue;
+            }
             let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
             traces.push(trace);
         }
-        traces
+        (traces, cut)
     }
 
     /// Speed of the first shaft by the contract's precedence.

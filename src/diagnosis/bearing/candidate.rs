@@ -61,11 +61,17 @@ struct LinePower {
     lowest_shown: f64,
     /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
     above: Option<f64>,
+    /// Whether something else explains the line in every one of those, so that it may be hidden there.
+    is_hidden_above: bool,
 }
 
 impl LinePower {
     /// From the readings as measured (a whitened band has no power of its own).
-    fn of(readings: &[BandReading], shows: impl Fn(&BandReading) -> bool) -> Self {
+    fn of(
+        readings: &[BandReading],
+        own: impl Fn(&BandReading) -> bool,
+        shows: impl Fn(&BandReading) -> bool,
+    ) -> Self {
         let raw = || readings.iter().filter(|r| !r.band.whitened);
         let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
         let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
@@ -77,6 +83,7 @@ impl LinePower {
             lowest: lowest.map_or(0.0, power),
             lowest_shown: lowest.map_or(0.0, shown),
             above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
+            is_hidden_above: !raw().filter(is_above).any(own),
         }
     }
 }
@@ -87,6 +94,11 @@ pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
     let above = line.iter().filter_map(|c| c.power.above).reduce(|a, b| a + b);
     let lowest: f64 = line.iter().map(|c| c.power.lowest).sum();
     above.is_some_and(|above| above < SMOOTH_POWER * lowest)
+}
+
+/// The same where a band above could have shown it in one channel at least: nothing hides it there.
+pub(super) fn is_seen_to_be_smooth(line: &[Candidate<'_>]) -> bool {
+    is_smooth(line) && line.iter().any(|c| !c.power.is_hidden_above)
 }
 
 impl<'a> Candidate<'a> {
@@ -151,7 +163,7 @@ impl<'a> Candidate<'a> {
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
-            power: LinePower::of(&readings, shows),
+            power: LinePower::of(&readings, own, shows),
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
@@ -201,6 +213,7 @@ impl<'a> Candidate<'a> {
     /// passing elements only where they happen to move the vibration's level.
     pub(super) fn is_agreed(&self) -> bool {
         self.agreed_depth >= severity::WARNING_DEPTH
+            || self.is_broad() && self.depth() >= NARROW_DEPTH
     }
 
     /// Whether another bearing strikes so much harder that what is heard here may be its blows, modulated

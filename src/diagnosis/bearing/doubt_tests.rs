@@ -7,6 +7,8 @@ use crate::diagnosis::bearing::judge;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::ChannelFeatures;
+use crate::features::Feature;
 use crate::features::WindowFeatures;
 use crate::features::absolute;
 use crate::features::absolute::AbsoluteLine;
@@ -15,8 +17,11 @@ use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
+use crate::features::shaft;
+use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::machine::BearingIndex;
+use crate::machine::ShaftIndex;
 use crate::machine::file;
 use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
@@ -24,12 +29,14 @@ use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
     [[bearing]]\nid='a'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
     [[bearing]]\nid='b'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
     [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={bearing='a'}\n\
-    [[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={bearing='b'}\n";
+    [[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={bearing='b'}\n\
+    [[sensor]]\nchannel='p'\nkind='proximitor'\nunit='um'\nat={shaft='s'}\n";
 
 fn harmonic(depth: f64) -> Harmonic {
     Harmonic { power_ratio: 900.0, depth, floor_dof: 100.0, n_cells: 40.0 }
@@ -84,6 +91,15 @@ fn absolute_line(bearing: usize, line: DefectLine, amplitude: f64) -> AbsoluteLi
 
 /// Verdicts on bearings a and b by these lines; every line of the absolute vibration had the amplitude 1 when healthy.
 fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<ComponentDiagnosis> {
+    judged_on(1.0, lines, absolute_lines)
+}
+
+/// The same on a shaft that moves this many times as far as when healthy.
+fn judged_on(
+    moved: f64,
+    lines: Vec<LineSearch>,
+    absolute_lines: Vec<AbsoluteLine>,
+) -> Vec<ComponentDiagnosis> {
     let machine = file::parse(MACHINE, "m.toml").unwrap();
     let mut bearing_lines = lines;
     for bearing in 0..2 {
@@ -97,20 +113,32 @@ fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<Comp
         let id = &machine.bearing(line.bearing).id;
         (("a".to_owned(), absolute::line_name(line.line, id)), 0.0)
     });
-    let log_values: BTreeMap<_, f64> = healthy.collect();
+    let once = shaft::line_name(1, "s");
+    let log_values: BTreeMap<_, f64> =
+        healthy.chain([(("p".to_owned(), once.clone()), 0.0)]).collect();
+    let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
     let record = Record { name: "healthy".to_owned(), speed: Some(Hz(30.0)), log_values };
     let baseline = Baseline { records: vec![record], provisional: false };
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
         speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() },
         sensors: Vec::new(),
-        channels: Vec::new(),
-        shaft_lines: Vec::new(),
+        channels: vec![ChannelFeatures {
+            channel: ChannelIndex(2),
+            sample_range: (0, 1),
+            values: vec![displacement],
+        }],
+        shaft_lines: vec![OverFloor {
+            shaft: ShaftIndex(0),
+            channel: ChannelIndex(2),
+            power_ratio: 900.0,
+            floor_dof: 100.0,
+        }],
         bearing_lines,
         absolute_lines,
         gears: Vec::new(),
     };
-    let channels = ["a", "b"].map(|name| ChannelInfo {
+    let channels = ["a", "b", "p"].map(|name| ChannelInfo {
         name: name.into(),
         sample_rate: Hz(1e4),
         unit: Unit::MetrePerSecondSquared,
@@ -121,7 +149,7 @@ fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<Comp
     let context = Context {
         machine: &machine,
         channels: &channels,
-        channel_of_sensor: &[Some(ChannelIndex(0)), Some(ChannelIndex(1))],
+        channel_of_sensor: &[0, 1, 2].map(|channel| Some(ChannelIndex(channel))),
         baseline: &baseline,
         offered_baselines: 1,
     };
@@ -174,4 +202,19 @@ fn a_line_that_grew_accuses_unless_a_stronger_one_grew_as_well() {
     let old = AbsoluteLine { amplitude: 4.0, ..absolute_line(1, DefectLine::Bpfo, 9.0) };
     let beside_old = judged(Vec::new(), vec![absolute_line(0, DefectLine::Bpfi, 6.0), old]);
     assert_eq!(beside_old[0].fault, Some(FaultMode::InnerRace), "{}", beside_old[0].why);
+}
+
+#[test]
+fn a_line_of_the_turning_race_that_grew_under_a_moving_shaft_accuses_nobody() {
+    let grown = |line: DefectLine, moved: f64| {
+        judged_on(moved, Vec::new(), vec![absolute_line(0, line, 6.0)]).remove(0)
+    };
+    let steady = grown(DefectLine::Bpfi, 2.0);
+    assert_eq!(steady.fault, Some(FaultMode::InnerRace), "{}", steady.why);
+    let moving = grown(DefectLine::Bpfi, 20.0);
+    assert_eq!(moving.state, State::Undetermined, "{}", moving.why);
+    assert!(moving.why.contains("loads the race at one place"), "{}", moving.why);
+    // The race at rest feels no load that stands.
+    let at_rest = grown(DefectLine::Bpfo, 20.0);
+    assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
 }

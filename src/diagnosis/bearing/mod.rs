@@ -17,6 +17,7 @@ use super::confidence;
 use super::fault::ComponentKind;
 use super::fault::FaultMode;
 use super::fault::State;
+use super::sensor;
 use super::severity;
 use super::verdict::ComponentDiagnosis;
 use super::verdict::OtherFault;
@@ -25,6 +26,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
+use crate::signal::ChannelIndex;
 use accept::Accepted;
 use candidate::Candidate;
 use doubt::Seen;
@@ -84,16 +86,28 @@ fn judge_one(
             Some(Growth::Beside(grown, other)) => {
                 verdict.why = doubt::beside(&grown, other, context);
             }
+            Some(Growth::Carried(grown)) => verdict.why = doubt::loaded(&grown, context),
             None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
-                None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+                None => match sensor::all_cut(features, heard_in(&searches), context) {
+                    Some(cut) => verdict.why = cut,
+                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+                },
             },
         },
+    }
+    if verdict.state.is_accusation() {
+        verdict.why.push_str(&sensor::cut_note(features, heard_in(&searches), context));
     }
     if verdict.state == State::Undetermined {
         verdict.why.push_str(&doubt::wide_band(bearing, context));
     }
     verdict
+}
+
+/// Channels that lines could be read in.
+fn heard_in<'a>(searches: &'a [&LineSearch]) -> impl Iterator<Item = ChannelIndex> + 'a {
+    searches.iter().filter(|s| s.outcome.is_ok()).map(|s| s.channel)
 }
 
 /// Why the races of a bearing could not be looked at, if so.

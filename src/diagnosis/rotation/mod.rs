@@ -48,6 +48,17 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
     verdicts
 }
 
+/// Whether a probe sees that a shaft moves more than it did: its 1× displacement is up.
+#[must_use]
+pub(super) fn is_moved(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let signs = signs::signs(shaft, features, context);
+    signs.displacement.as_ref().is_some_and(Indicator::is_up)
+}
+
 /// Why neither shaft nor gear can be judged, if so; `without`: what to say when no baseline was
 /// offered.
 fn cannot_look(features: &WindowFeatures, context: &Context<'_>, without: &str) -> Option<String> {
