@@ -9,7 +9,9 @@ use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
+use crate::diagnosis::verdict::OperatingState;
 use crate::features::ChannelFeatures;
+use crate::features::run_up;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::limits::Limits;
@@ -127,8 +129,20 @@ pub fn learn(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Record, OfflineError> {
     let run = run(file, reference, progress)?;
-    let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> =
-        run.outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
+    let is_transient = |o: &Outcome| o.judged.operating_state == OperatingState::Transient;
+    let some_steady = !run.outcomes.iter().all(is_transient);
+    let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> = run
+        .outcomes
+        .into_iter()
+        .map(|o| {
+            // Beside windows at a steady speed, of those on the way only what depends on no speed is normal.
+            if some_steady && is_transient(&o) {
+                (None, run_up::of_run(o.features))
+            } else {
+                (o.judged.speed, o.features)
+            }
+        })
+        .collect();
     Ok(Record::of_windows(&file.display().to_string(), &windows, run.monitor.channels()))
 }
 

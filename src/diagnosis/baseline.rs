@@ -7,6 +7,7 @@
 use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
+use crate::features::run_up;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -107,6 +108,19 @@ impl Baseline {
         let uses = self.records.iter().map(told).collect();
         let records = self.records.iter().filter(|r| fits(r)).cloned().collect();
         (Self { records, provisional: self.provisional }, uses)
+    }
+
+    /// What does not depend on the speed: the parts of bow and unbalance in the runs of all records.
+    #[must_use]
+    pub fn of_runs(&self) -> Self {
+        let of_run = |record: &Record| {
+            let kept = record.log_values.iter().filter(|((_, name), _)| run_up::is_of_run(name));
+            let log_values: BTreeMap<_, _> = kept.map(|(k, v)| (k.clone(), *v)).collect();
+            let is_there = !log_values.is_empty();
+            is_there.then(|| Record { name: record.name.clone(), speed: None, log_values })
+        };
+        let records = self.records.iter().filter_map(of_run).collect();
+        Self { records, provisional: self.provisional }
     }
 
     /// Normalised CWT amplitude ratios R(f) of a channel, one a CWT amplitude that the baseline has

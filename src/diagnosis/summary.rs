@@ -68,10 +68,7 @@ pub fn judge_window(
     let mut components = super::assess(features, context);
     let blocked = match operating_state {
         OperatingState::Stopped => Some("not running".to_owned()),
-        OperatingState::Transient => Some(format!(
-            "the speed changes by {:.1} % within the window",
-            100.0 * features.speed.excursion
-        )),
+        OperatingState::Transient => Some(features.speed.change()),
         OperatingState::Running | OperatingState::Unknown => None,
     };
     if let Some(why) = blocked {
@@ -81,7 +78,9 @@ pub fn judge_window(
             ComponentKind::Bearing => {
                 operating_state == OperatingState::Stopped || !features.speed.is_evened
             }
-            ComponentKind::Shaft | ComponentKind::Gear | ComponentKind::Machine => true,
+            // By the vectors of the run, which want a changing speed.
+            ComponentKind::Shaft => operating_state == OperatingState::Stopped,
+            ComponentKind::Gear | ComponentKind::Machine => true,
         };
         for component in components.iter_mut().filter(is_blocked) {
             make_undetermined(component, &why);

@@ -10,9 +10,11 @@ use super::absolute::AbsoluteVibration;
 use super::gear;
 use super::limit;
 use super::lines::LineReader;
+use super::orbit;
 use super::overall;
 use super::plans::Plans;
 use super::reception;
+use super::run_up;
 use super::sensor;
 use super::sensor::SensorReading;
 use super::shaft;
@@ -95,7 +97,7 @@ impl Extractor {
         speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
             | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
-        let mut absolute_lines = Vec::new();
+        let (mut absolute_lines, mut pieces) = (Vec::new(), Vec::new());
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             let mut reader = LineReader::new(&machine, first);
@@ -111,6 +113,11 @@ impl Extractor {
                 ));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
+            for trace in &traces {
+                let info = &self.channels[trace.channel.0];
+                let run = (info.sample_rate, info.unit);
+                pieces.extend(run_up::pieces(&machine, trace, run, &speed));
+            }
         }
         let inputs = gear_inputs(&machine, &traces);
         let gears = gear::read(&machine, &self.channels, &speed, &inputs, self.plans.wide_tables());
@@ -137,6 +144,8 @@ impl Extractor {
             bearing_lines,
             absolute_lines,
             gears,
+            pieces,
+            laws: Vec::new(),
         }
     }
 
@@ -253,7 +262,7 @@ impl Extractor {
             let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
             peaks.extend(speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5)));
         }
-        let imitators = imitators(&self.machine);
+        let imitators = speed::imitators(&self.machine);
         let excluded: Vec<Hz> = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
         let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
         let mut settled = speed::settle(nominal, source, comb);
@@ -297,7 +306,12 @@ impl Extractor {
             let other = &self.channels[y.channel.0];
             let same = (x.rate, info.unit, x.range) == (y.rate, other.unit, y.range)
                 && x.samples.len() == y.samples.len();
-            if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
+            if !same {
+                continue;
+            }
+            if machine.sensors[pair.x].kind == SensorKind::Proximitor {
+                let parts = orbit::parts(machine, (x, y), info.unit, first);
+                traces[ix].features.extend(parts);
                 continue;
             }
             let a = AbsoluteVibration::of(
@@ -422,31 +436,6 @@ fn velocity(
         value: read.mm_per_s,
         unit: Unit::MillimetrePerSecond,
     })
-}
-
-/// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
-fn imitators(machine: &Machine) -> Vec<f64> {
-    let mut orders = Vec::new();
-    for bearing in &machine.bearings {
-        let ratio = machine.shafts[bearing.shaft.0].ratio_to_first;
-        if let (Some(found), Some(ratio)) = (bearing.fault_orders(), ratio) {
-            let bands = &bearing.bands;
-            let lines = [
-                (found.bpfo, bands.bpfo),
-                (found.bpfi, bands.bpfi),
-                (found.two_bsf(), bands.two_bsf),
-            ];
-            for (order, band) in lines {
-                // Close enough together for the comb's reach around each.
-                let places = [band.low, band.low / 2.0, 0.0, band.high / 2.0, band.high];
-                for place in places {
-                    let order = order * ratio * (1.0 + place);
-                    orders.extend([order, 2.0 * order]);
-                }
-            }
-        }
-    }
-    orders
 }
 
 /// Whether a kind of sensor measures vibration.

@@ -21,6 +21,7 @@ use crate::features::ChannelWindow;
 use crate::features::Extractor;
 use crate::features::Window;
 pub use crate::features::plans::Plans;
+use crate::features::run_up::RunUp;
 pub use crate::features::speed::SpeedHints;
 use crate::machine::Machine;
 use crate::signal::Block;
@@ -104,6 +105,7 @@ pub struct Monitor {
     grid: WindowGrid,
     segment: Option<u32>,
     extractor: Extractor,
+    run_up: RunUp,
     baseline: Baseline,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
@@ -140,6 +142,7 @@ impl Monitor {
             grid: WindowGrid::new(settings.window_s, settings.hop_s),
             segment: None,
             extractor,
+            run_up: RunUp::default(),
             baseline: settings.baseline.clone(),
             provisional: Vec::new(),
             rejected: Vec::new(),
@@ -185,6 +188,7 @@ impl Monitor {
             emit(outcome);
         }
         self.segment = None;
+        self.run_up.clear();
     }
 
     /// Adds samples that the source received but could not hand on, with the reason.
@@ -264,13 +268,17 @@ impl Monitor {
         let copies: Vec<Option<Copied>> =
             (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
-        let features = self.extractor.extract(&Window { time_s, channels });
+        let mut features = self.extractor.extract(&Window { time_s, channels });
+        self.run_up.follow(&self.machine, &mut features);
         let (baseline, uses) = self.baseline.at_speed(features.speed.first);
+        let has_run = !features.laws.is_empty();
+        let runs = if has_run { self.baseline.of_runs() } else { Baseline::default() };
         let context = Context {
             machine: &self.machine,
             channels: &self.channels,
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline: &baseline,
+            runs: &runs,
             offered_baselines: uses.len(),
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);

@@ -85,6 +85,8 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         bearing_lines: searches,
         absolute_lines: Vec::new(),
         gears: Vec::new(),
+        pieces: Vec::new(),
+        laws: Vec::new(),
     };
     let channels = [ChannelInfo {
         name: "a".into(),
@@ -100,6 +102,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         channels: &channels,
         channel_of_sensor: &[Some(ChannelIndex(0))],
         baseline: &baseline,
+        runs: &baseline,
         offered_baselines: 0,
     };
     judge(&features, &context)
