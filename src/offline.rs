@@ -7,11 +7,9 @@ use crate::capture::hints::Hints;
 use crate::capture::info::CaptureInfo;
 use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
-use crate::diagnosis::verdict::OperatingState;
-use crate::features::ChannelFeatures;
-use crate::features::run_up;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::limits::Limits;
@@ -129,21 +127,10 @@ pub fn learn(
     progress: &mut dyn FnMut(f64),
 ) -> Result<Record, OfflineError> {
     let run = run(file, reference, progress)?;
-    let is_transient = |o: &Outcome| o.judged.operating_state == OperatingState::Transient;
-    let some_steady = !run.outcomes.iter().all(is_transient);
-    let windows: Vec<(Option<Hz>, Vec<ChannelFeatures>)> = run
-        .outcomes
-        .into_iter()
-        .map(|o| {
-            // Beside windows at a steady speed, of those on the way only what depends on no speed is normal.
-            if some_steady && is_transient(&o) {
-                (None, run_up::of_run(o.features))
-            } else {
-                (o.judged.speed, o.features)
-            }
-        })
-        .collect();
-    Ok(Record::of_windows(&file.display().to_string(), &windows, run.monitor.channels()))
+    let offered: Vec<Offered<'_>> = run.outcomes.iter().map(Outcome::offered).collect();
+    let (channels, machine) = (run.monitor.channels(), run.monitor.machine());
+    let name = file.display().to_string();
+    Ok(Record::of_offered(&name, &offered, channels, &machine.limits.load_bins))
 }
 
 /// The machine by which a capture is judged: the one given, its own, or an implied one of sensors only.
@@ -318,6 +305,7 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
         provisional_segments: provisional
             .filter(|_| none_given)
             .and_then(|n| u32::try_from(n.div_ceil(10)).ok()),
+        load: info.load,
         alarms: crate::pipeline::Settings::default().alarms,
     }
 }

@@ -38,7 +38,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
-    ("store", &["signal", "diagnosis", "alarms", "causes"]),
+    ("store", &["units", "signal", "diagnosis", "alarms", "causes"]),
     (
         "api",
         &[

@@ -7,7 +7,9 @@ use super::policy::Observation;
 use super::tests::verdict;
 use super::*;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::Usual;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::OperatingState;
 use crate::features::ChannelFeatures;
@@ -252,8 +254,9 @@ fn orders_bands_and_the_rest_without_1x_are_values_of_their_own() {
 fn a_ratio_to_the_baseline_and_a_change_from_a_reference_count_either_way() {
     let record = |value: f64| Record {
         name: "healthy".to_owned(),
-        speed: Some(Hz(10.0)),
-        log_values: [(("x".to_owned(), "kurtosis".to_owned()), value.ln())].into(),
+        point: OperatingPoint { speed: Some(Hz(10.0)), load: None },
+        usual: [(("x".to_owned(), "kurtosis".to_owned()), Usual::of_value(value))].into(),
+        ..Record::default()
     };
     let stated = "[[limits.alarm]]\nid = 'k'\nkind = 'feature'\nfeature = 'kurtosis'\n\
                   relative_to = 'baseline'\nchannels = ['x']\nwarning_above = 2.0\n";

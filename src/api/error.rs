@@ -5,6 +5,7 @@
 
 use super::view::ActFailure;
 use crate::alarms::ActionError;
+use crate::diagnosis::baseline::signed::SignError;
 use crate::store::StoreError;
 use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
 use axum::http::StatusCode;
@@ -51,6 +52,9 @@ pub enum ApiError {
     /// An act took effect but could not be stored; says why.
     #[error("{0}; it will be stored when the store recovers")]
     NotStored(String),
+    /// The store refused and nothing has changed; says why.
+    #[error("{0}; nothing has changed")]
+    StoreRefused(String),
     /// Too much to do; says of what.
     #[error("{0}; try again")]
     Busy(&'static str),
@@ -90,9 +94,11 @@ impl ApiError {
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
-            Self::NotReady(_) | Self::NotStored(_) | Self::Busy(_) | Self::Timeout => {
-                StatusCode::SERVICE_UNAVAILABLE
-            }
+            Self::NotReady(_)
+            | Self::NotStored(_)
+            | Self::StoreRefused(_)
+            | Self::Busy(_)
+            | Self::Timeout => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
             Self::Other(status) => *status,
         }
@@ -112,6 +118,7 @@ impl ApiError {
             Self::ForeignHost { .. } => ("foreign-host", "Host not served here"),
             Self::NotReady(_) => ("not-ready", "Not ready"),
             Self::NotStored(_) => ("not-stored", "In effect but not stored"),
+            Self::StoreRefused(_) => ("store-refused", "Not stored, nothing has changed"),
             Self::Busy(_) => ("busy", "Busy"),
             Self::Timeout => ("timeout", "No answer in time"),
             Self::Internal => ("internal", "Fault inside the daemon"),
@@ -178,6 +185,17 @@ impl From<ActFailure> for ApiError {
         match failure {
             ActFailure::Refused(error) => error.into(),
             ActFailure::NotStored(_) => Self::NotStored(failure.to_string()),
+        }
+    }
+}
+
+impl From<SignError> for ApiError {
+    fn from(error: SignError) -> Self {
+        match error {
+            SignError::Empty { .. } | SignError::States { .. } => Self::Conflict(error.to_string()),
+            SignError::None | SignError::NoAuthor | SignError::TextTooLong { .. } => {
+                Self::Invalid(error.to_string())
+            }
         }
     }
 }

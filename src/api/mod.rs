@@ -18,6 +18,7 @@ mod alarms;
 mod acts;
 mod service;
 mod simulation;
+mod baselines;
 #[cfg(test)]
 mod support;
 #[cfg(test)]
@@ -54,6 +55,7 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
         (name = "machines", description = "Machines and their health"),
         (name = "signals", description = "Waveforms, spectra, scalograms, trends"),
         (name = "alarms", description = "Alarms and operators' acts"),
+        (name = "baselines", description = "What is normal of a machine, by operating state"),
         (name = "simulation", description = "Simulated sources and their damage"),
     ),
 )]
@@ -87,6 +89,9 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(acts::out_of_service))
         .routes(routes!(acts::return_to_service))
         .routes(routes!(acts::reset))
+        .routes(routes!(baselines::list, baselines::learn))
+        .routes(routes!(baselines::show, baselines::remove))
+        .routes(routes!(baselines::activate))
         .routes(routes!(simulation::scenarios, simulation::change))
 }
 

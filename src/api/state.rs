@@ -1,7 +1,7 @@
 //! What the handlers share.
 
 use super::error::ApiError;
-use super::view::{MachineHandle, MachineView, ShardRequest, StoreHandle};
+use super::view::{BaselineHandle, MachineHandle, MachineView, ShardRequest, StoreHandle};
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
 use std::collections::BTreeMap;
@@ -62,6 +62,8 @@ pub struct ApiState {
     pub(super) readiness: ReadinessCheck,
     /// What survives a restart; `None`: nothing does.
     pub(super) store: Option<StoreHandle>,
+    /// Baselines; `None`: there is no store for them.
+    pub(super) baselines: Option<BaselineHandle>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -96,7 +98,14 @@ impl ApiState {
             metrics,
             readiness,
             store: None,
+            baselines: None,
         }
+    }
+
+    /// Keeps baselines.
+    #[must_use]
+    pub fn with_baselines(self, baselines: BaselineHandle) -> Self {
+        Self { baselines: Some(baselines), ..self }
     }
 
     /// Reads older events from `store`.

@@ -2,9 +2,10 @@
 
 use super::router;
 use super::state::{ApiState, Settings};
+use super::tests::baselines::sample_measured;
 use super::view::{
-    AlarmHistory, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy, ShardRequest,
-    SimulationHandle, SourceState, StoreHandle, Trend, Waveform,
+    AlarmHistory, BaselineHandle, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy,
+    ShardRequest, SimulationHandle, SourceState, StoreHandle, Trend, Waveform,
 };
 use crate::alarms::load;
 use crate::alarms::{self, AlarmEngine, Moment};
@@ -145,6 +146,8 @@ pub(crate) fn sample_diagnosis() -> Diagnosis {
             name: "healthy.h5".to_owned(),
             used: true,
             reason: "speed within 5 %".to_owned(),
+            id: Some("343e1662793c64bf6f0d3597ba446f18".into()),
+            n_windows: 60,
         }],
         provisional_baseline: None,
         timeline: Some(Timeline {
@@ -260,6 +263,11 @@ impl Service {
     /// The same service with a store.
     pub(crate) fn with_store(self, store: StoreHandle) -> Self {
         Self::of_state(self.state.with_store(store), self.view)
+    }
+
+    /// The same service with a store of baselines.
+    pub(crate) fn with_baselines(self, baselines: BaselineHandle) -> Self {
+        Self::of_state(self.state.with_baselines(baselines), self.view)
     }
 
     /// The service after its state was changed.
@@ -449,6 +457,12 @@ fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, behaviour: Beh
             ShardRequest::AlarmHistory { reply } => {
                 let events = engine.history().iter().cloned().collect();
                 let _ = reply.send(AlarmHistory { events, dropped: engine.history_dropped() });
+            }
+            ShardRequest::Measure { span, reply } => {
+                let _ = reply.send(sample_measured(span));
+            }
+            ShardRequest::UseBaselines { reply, .. } => {
+                let _ = reply.send(());
             }
         }
     }

@@ -9,6 +9,7 @@ use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
+use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::ingest::simulated;
@@ -18,6 +19,7 @@ use crate::signal::Timestamp;
 use crate::simulator::scenario::ScenarioError;
 use crate::simulator::scenario::Wanted;
 use crate::store::Archive;
+use crate::store::BaselineStore;
 use crate::store::writer::Status;
 use std::sync::Arc;
 use tokio::sync::oneshot;
@@ -123,6 +125,59 @@ pub enum ShardRequest {
         /// The events.
         reply: oneshot::Sender<AlarmHistory>,
     },
+    /// A record of windows that were judged, for a baseline.
+    Measure {
+        /// Which.
+        span: Span,
+        /// The record, or why there is none.
+        reply: oneshot::Sender<Result<Measured, String>>,
+    },
+    /// Use these records of signed baselines from now on.
+    UseBaselines {
+        /// The records.
+        records: Vec<Record>,
+        /// Told when they are used.
+        reply: oneshot::Sender<()>,
+    },
+}
+
+/// Windows of a stream.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Span {
+    /// The newest.
+    Last(usize),
+    /// Those that lie wholly between two stream times, s.
+    Between(f64, f64),
+}
+
+/// A record measured of windows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// The record.
+    pub record: Record,
+    /// What speaks against learning from it, for people.
+    pub warnings: Vec<String>,
+}
+
+/// Baselines as the API sees them.
+#[derive(Clone)]
+pub struct BaselineHandle {
+    /// Where they are kept.
+    pub store: Arc<dyn BaselineStore>,
+    /// Measures a recording, by name, of a machine.
+    pub measure: MeasureRecording,
+    /// UTC now.
+    pub wall_clock: fn() -> Timestamp,
+}
+
+/// Measures a recording of a machine by its name; or says why it cannot.
+pub type MeasureRecording =
+    Arc<dyn Fn(&Arc<Machine>, &str) -> Result<Record, String> + Send + Sync>;
+
+impl std::fmt::Debug for BaselineHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BaselineHandle").finish_non_exhaustive()
+    }
 }
 
 /// Why an operator's act is not answered with the alarm after it.

@@ -1,6 +1,7 @@
 //! From configuration to machines on shards: opens the sources, checks memory, deals out.
 
 use super::Clock;
+use super::baselines;
 use super::http::MetricsText;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
@@ -16,6 +17,7 @@ use super::shard::Heartbeat;
 use super::simulated::Desk;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::api::view::BaselineHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
@@ -24,14 +26,12 @@ use crate::causes::with_causes;
 use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
-use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
 use crate::ingest::replay;
 use crate::ingest::replay::Speed;
 use crate::ingest::replay::StreamInfo;
 use crate::ingest::simulated;
-use crate::offline;
 use crate::offline::OfflineError;
-use crate::offline::Reference;
 use crate::pipeline::Monitor;
 use crate::pipeline::MonitorError;
 use crate::pipeline::Settings;
@@ -42,6 +42,7 @@ use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::StoreError;
 use crate::store::StreamKey;
+use crate::store::active_records;
 use crate::store::sqlite;
 use crate::telemetry::Metrics;
 use std::fs;
@@ -163,6 +164,7 @@ pub(super) struct Plan {
     pub(super) metrics: Arc<Metrics>,
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
+    pub(super) baselines: BaselineHandle,
 }
 
 /// Builds everything.
@@ -176,6 +178,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     check_memory(config, &streams, n_shards)?;
     let metrics = Arc::new(Metrics::new());
     let (keeper, keeping) = open_keeper(config, &metrics)?;
+    let baselines = baselines::handle(config)?;
     let store = recording::open_store(config);
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
@@ -208,7 +211,8 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             Err(reason) => (Err(reason), None),
         };
         let tells_store = handles.is_empty();
-        let opened = monitor(config, entry, info, (&keeper, tells_store))?;
+        let learned = active_records(&*baselines.store, &entry.machine.id)?;
+        let opened = monitor(config, entry, info, (&keeper, tells_store), learned)?;
         let (work, simulation) = work(entry, simulated, &metrics);
         if opened.monitor.is_some() {
             let machine = Arc::clone(&entry.machine);
@@ -232,7 +236,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             submit,
         });
     }
-    Ok(Plan { shards, sources, handles, metrics, keeper, keeping })
+    Ok(Plan { shards, sources, handles, metrics, keeper, keeping, baselines })
 }
 
 impl Plan {
@@ -344,6 +348,7 @@ fn monitor(
     entry: &MachineConfig,
     stream: Result<StreamInfo, String>,
     (keeper, tells_store): (&Keeper, bool),
+    learned: Vec<Record>,
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
     let mut idle = AlarmEngine::of_machine(machine, &[], config.monitor.alarms.clone());
@@ -373,9 +378,11 @@ fn monitor(
         }
     };
     let hints = SpeedHints { option: None, capture: info.shaft_speed };
-    let settings = Settings { baseline: baseline(entry)?, ..config.monitor.clone() };
+    let (baseline, load) = (baselines::named(entry)?, info.load);
+    let settings = Settings { baseline, load, ..config.monitor.clone() };
     let mut monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
+    monitor.use_signed(learned);
     let key = stream_key(config, entry, info.start_time);
     let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
     Ok(Opened {
@@ -387,19 +394,6 @@ fn monitor(
         alarm_events,
         keeper: keeper_of(&key),
     })
-}
-
-/// Measures the healthy captures named for a machine.
-fn baseline(entry: &MachineConfig) -> Result<Baseline, StartError> {
-    let reference = Reference { machine: Some(Arc::clone(&entry.machine)), ..Reference::default() };
-    let records = entry.baseline.iter().map(|file| {
-        offline::learn(file, &reference, &mut |_| ()).map_err(|source| StartError::Baseline {
-            machine: entry.machine.id.clone(),
-            file: file.clone(),
-            source: Box::new(source),
-        })
-    });
-    Ok(Baseline { records: records.collect::<Result<_, _>>()?, provisional: false })
 }
 
 /// Number of shards: as configured, never more than machines, at least one.
@@ -473,8 +467,13 @@ mod tests {
             full_scale: None,
         };
         let channels = vec![channel; n_channels];
-        let info =
-            StreamInfo { channels, start_time: None, shaft_speed: None, received: Vec::new() };
+        let info = StreamInfo {
+            channels,
+            start_time: None,
+            shaft_speed: None,
+            load: None,
+            received: Vec::new(),
+        };
         Ok(Stream { info, simulated: None })
     }
 

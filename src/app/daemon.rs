@@ -1,5 +1,6 @@
 //! The running daemon: starts the threads in order and ends them in bounded time.
 
+use super::baselines::Watch;
 use super::build;
 use super::build::Plan;
 use super::build::ShardPlan;
@@ -88,11 +89,14 @@ impl Daemon {
 
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
         let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
-        let Plan { shards, sources, handles, metrics, keeper, keeping } = plan;
+        let Plan { shards, sources, handles, metrics, keeper, keeping, baselines } = plan;
+        let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(1 + shards.len() + sources.len());
+        let mut threads = Threads::new(2 + shards.len() + sources.len());
+        let watch_stop = Arc::clone(&stop);
         let started = threads
             .start("store".to_owned(), move || keeping.run())
+            .and_then(|()| threads.start("baselines".to_owned(), move || watch.run(&watch_stop)))
             .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
         if let Err(source) = started {
             queues.iter().for_each(|queue| queue.close());
@@ -105,7 +109,8 @@ impl Daemon {
             ..state::Settings::new(address)
         };
         let store = StoreHandle { archive: keeper.archive, status: keeper.status };
-        let router = http::router(handles.clone(), settings, metrics_text, readiness, store);
+        let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness);
+        let router = http::router(state.with_store(store).with_baselines(baselines));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self { address, handles, stop, queues, runtime, server, server_stop, signals, threads })

@@ -2,8 +2,6 @@
 
 use crate::api;
 use crate::api::state;
-use crate::api::view::MachineHandle;
-use crate::api::view::StoreHandle;
 use crate::dashboard;
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,14 +19,7 @@ pub type MetricsText = Arc<dyn Fn() -> String + Send + Sync>;
 pub type ReadinessCheck = Arc<dyn Fn() -> Vec<String> + Send + Sync>;
 
 /// Makes the routes: the one place where the daemon meets the API.
-pub fn router(
-    machines: Vec<MachineHandle>,
-    settings: state::Settings,
-    metrics: MetricsText,
-    readiness: ReadinessCheck,
-    store: StoreHandle,
-) -> axum::Router {
-    let state = state::ApiState::new(machines, settings, metrics, readiness).with_store(store);
+pub fn router(state: state::ApiState) -> axum::Router {
     api::router(state, dashboard::router())
 }
 

@@ -14,6 +14,8 @@ pub mod link;
 pub mod trend;
 pub mod keeper;
 mod alarming;
+mod baselines;
+mod learning;
 pub mod monitored;
 pub mod shard;
 pub mod outlet;

@@ -2,6 +2,7 @@
 
 use super::alarming::Alarming;
 use super::keeper::MachineKeeper;
+use super::learning::Seen;
 use super::link::Input;
 use super::link::Losses;
 use super::trend::TrendStore;
@@ -70,6 +71,8 @@ pub struct Monitored {
     features: Arc<Vec<ChannelFeatures>>,
     /// One a channel.
     trends: Vec<TrendStore>,
+    /// The windows behind them.
+    seen: Seen,
     losses: Arc<Losses>,
     publisher: watch::Sender<Arc<MachineView>>,
     meters: Meters,
@@ -98,6 +101,7 @@ impl Monitored {
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
+            seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
             state_since_s: Vec::new(),
@@ -165,6 +169,16 @@ impl Monitored {
                 };
                 self.alarming.act(engine, &act, stream_s, publish, reply);
                 self.publish(queue_bytes);
+            }
+            ShardRequest::Measure { span, reply } => {
+                let (machine, channels) = (&self.machine, &self.channels);
+                drop(reply.send(self.seen.measure(span, machine, channels, &self.trends)));
+            }
+            ShardRequest::UseBaselines { records, reply } => {
+                if let Some(monitor) = &mut self.monitor {
+                    monitor.use_signed(records);
+                }
+                let _asker_is_gone = reply.send(());
             }
             ShardRequest::AlarmHistory { reply } => {
                 let alarms = self.alarms();
@@ -261,6 +275,7 @@ impl Monitored {
             let end_s = outcome.time_s.1;
             self.state_since_s =
                 since(self.diagnosis.as_deref(), &self.state_since_s, &outcome.diagnosis, end_s);
+            self.seen.push(&outcome);
             for features in &outcome.features {
                 if let Some(trend) = self.trends.get_mut(features.channel.0) {
                     trend.push(end_s, features);

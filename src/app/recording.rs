@@ -23,7 +23,7 @@ use std::time::Instant;
 use tokio::sync::watch;
 
 /// Folder of recordings in the store.
-const FOLDER: &str = "recordings";
+pub(super) const FOLDER: &str = "recordings";
 
 /// The recorder of one machine.
 #[derive(Debug)]

@@ -92,6 +92,7 @@ fn stream(seconds: u64) -> Stream {
         channels: vec![channel()],
         start_time: None,
         shaft_speed: None,
+        load: None,
         received: Vec::new(),
     };
     Stream { info, next: Box::new(next) }

@@ -48,6 +48,20 @@ impl TrendStore {
         }
     }
 
+    /// The features of the window that ended at `time_s`; `None`: it is not held.
+    pub(super) fn at(&self, time_s: f64) -> Option<Vec<Feature>> {
+        let place = self.time_s.partition_point(|held| *held < time_s);
+        self.time_s.get(place).filter(|held| held.total_cmp(&&time_s).is_eq())?;
+        let columns = self.columns.iter().map(|column| (column, column.values.get(place)));
+        let known =
+            columns.filter_map(|(c, value)| Some((c, *value?))).filter(|(_, v)| !v.is_nan());
+        Some(
+            known
+                .map(|(c, value)| Feature { name: Arc::clone(&c.name), value, unit: c.unit })
+                .collect(),
+        )
+    }
+
     /// Copies the whole trend.
     #[must_use]
     pub fn copy(&self) -> Trend {
@@ -101,6 +115,20 @@ mod tests {
         assert_eq!(rms_values[..2], [1.0, 2.0]);
         assert!(rms_values[2].is_nan() && crest_values[0].is_nan());
         assert_eq!(crest_values[1..], [3.0, 4.0]);
+    }
+
+    #[test]
+    fn a_window_is_found_by_its_end_with_the_features_it_had() {
+        let mut store = TrendStore::default();
+        store.push(5.0, &window(&[("rms", 1.0)]));
+        store.push(10.0, &window(&[("rms", 2.0), ("crest", 3.0)]));
+        let at = |time_s: f64| -> Option<Vec<(String, f64)>> {
+            let found = store.at(time_s)?;
+            Some(found.iter().map(|f| (f.name.to_string(), f.value)).collect())
+        };
+        assert_eq!(at(5.0), Some(vec![("rms".to_owned(), 1.0)]));
+        assert_eq!(at(10.0).map(|found| found.len()), Some(2));
+        assert_eq!((at(4.0), at(7.5), at(11.0)), (None, None, None));
     }
 
     #[test]

@@ -23,6 +23,8 @@ pub struct CaptureInfo {
     pub machine: Option<String>,
     /// Nominal speed of the machine's first shaft.
     pub shaft_speed: Option<Hz>,
+    /// Load, in the unit of the machine's load sensor (root attribute `load`, if it is a number).
+    pub load: Option<f64>,
     /// Channels in the order of their names; a block's `channel` is the place in this list.
     pub channels: Vec<ChannelDescription>,
     /// Number of segments; `None` if the channels are contiguous throughout.

@@ -70,6 +70,7 @@ pub(super) fn open(
         start_time: header.start_time,
         machine: header.machine,
         shaft_speed: header.shaft_speed,
+        load: header.load,
         segments: listed.then(|| segments.len()),
         duration_s: duration_s(&described, &segments),
         channels: described,
@@ -146,6 +147,7 @@ struct Header {
     start_time: Option<Timestamp>,
     machine: Option<String>,
     shaft_speed: Option<Hz>,
+    load: Option<f64>,
     /// Of what the file states about itself.
     checksum: Option<f64>,
     others: Vec<String>,
@@ -158,6 +160,9 @@ struct Layout<'a> {
     machine: Option<&'a Machine>,
     hints: &'a Hints,
 }
+
+/// Root attribute of the load.
+const LOAD: &str = "load";
 
 /// Root attributes by name.
 pub(super) type Attributes = BTreeMap<String, RootAttribute>;
@@ -207,12 +212,21 @@ impl Layout<'_> {
                 expected,
             ));
         }
-        let others = attributes.keys().filter(|name| !KNOWN.contains(&name.as_str()));
+        // Files carry notes under this name too: those are no load.
+        let load = match attributes.get(LOAD) {
+            Some(RootAttribute::Value(Attribute::Number(load))) => {
+                Some(*load).filter(|load| load.is_finite())
+            }
+            Some(_) | None => None,
+        };
+        let is_known = |name: &str| KNOWN.contains(&name) || (name == LOAD && load.is_some());
+        let others = attributes.keys().filter(|name| !is_known(name));
         Ok(Header {
             format_stated: format.is_some(),
             start_time: self.start_time(attributes)?,
             machine: self.root_text(attributes, "machine")?,
             shaft_speed: shaft_speed.map(Hz),
+            load,
             checksum: self.root_number(attributes, checksums::STATEMENT)?,
             others: others.cloned().collect(),
         })

@@ -279,6 +279,11 @@ fn wrong_root_attributes_are_named_and_others_ignored() {
     let (_folder, path) =
         one_channel(Some(10.0), |file| file.number("shaft_speed_hz", f64::NAN).unwrap());
     assert!(refused(&path).contains("shaft_speed_hz: found NaN"));
+    let load = |path| CaptureReader::open(path, None, &Hints::default()).unwrap().info().load;
+    let (_folder, path) = one_channel(Some(10.0), |file| file.number("load", 2_u8).unwrap());
+    assert_eq!(load(&path), Some(2.0));
+    let (_folder, path) = one_channel(Some(10.0), |file| file.text("load", "2 hp").unwrap());
+    assert_eq!(load(&path), None, "a note, not a number");
     let (_folder, path) = one_channel(Some(10.0), |file| {
         for k in 0..20_u16 {
             file.number(&format!("load_{k:02}"), k).unwrap(); // 20: dense attribute storage

@@ -17,6 +17,7 @@ pub mod bearings;
 pub mod simulate;
 pub mod serve;
 pub mod demo;
+pub mod baseline;
 pub mod bench;
 pub mod openapi;
 pub mod completions;
@@ -97,6 +98,9 @@ pub enum Command {
     /// Run the daemon on the simulated rig, with nothing configured
     #[command(after_help = demo::EXAMPLES)]
     Demo(demo::Arguments),
+    /// Learn, list and remove what is normal of a daemon's machines
+    #[command(after_help = baseline::EXAMPLES)]
+    Baseline(baseline::Arguments),
     /// Measure the simulator: speed against error, and its hard cases
     #[command(after_help = bench::EXAMPLES)]
     Bench(bench::Arguments),
@@ -130,6 +134,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
+        Command::Baseline(arguments) => baseline::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),

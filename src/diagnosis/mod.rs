@@ -9,6 +9,7 @@ pub mod verdict;
 pub mod confidence;
 pub mod severity;
 pub mod baseline;
+pub mod drift;
 pub mod sensor;
 pub mod bearing;
 pub mod rotation;

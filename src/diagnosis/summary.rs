@@ -4,6 +4,8 @@
 //! single segment that of its last 5 % of windows (at least 3): a component is accused when more than half of them accuse it, or the newest three all do.
 
 use super::Context;
+use super::baseline::OperatingPoint;
+use super::baseline::Unfit;
 use super::fault::ComponentKind;
 use super::fault::FaultMode;
 use super::fault::State;
@@ -38,6 +40,8 @@ pub struct Judged {
     pub components: Vec<ComponentDiagnosis>,
     /// Speed of the first shaft.
     pub speed: Option<Hz>,
+    /// Load, in the unit of the machine's load sensor.
+    pub load: Option<f64>,
     /// Its source.
     pub speed_source: Option<SpeedSource>,
     /// 0…1.
@@ -54,6 +58,30 @@ pub struct Judged {
     pub notes: Vec<String>,
     /// Baselines offered at this window's speed.
     pub baselines: Vec<BaselineUse>,
+}
+
+impl Judged {
+    /// Its operating state.
+    #[must_use]
+    pub fn point(&self) -> OperatingPoint {
+        OperatingPoint { speed: self.speed, load: self.load }
+    }
+
+    /// Why no baseline is learned from this window; `None`: one can be.
+    #[must_use]
+    pub fn unfit_for_baseline(&self) -> Option<Unfit> {
+        match (self.operating_state, self.data_quality) {
+            (OperatingState::Stopped, _) => Some(Unfit::Stopped),
+            (OperatingState::Transient, _) => Some(Unfit::Transient),
+            (OperatingState::Running | OperatingState::Unknown, DataQuality::Bad) => {
+                Some(Unfit::NoSensor)
+            }
+            (
+                OperatingState::Running | OperatingState::Unknown,
+                DataQuality::Ok | DataQuality::Degraded,
+            ) => None,
+        }
+    }
 }
 
 /// Judges a window.
@@ -97,6 +125,7 @@ pub fn judge_window(
         segment,
         components,
         speed: features.speed.first,
+        load: features.load,
         speed_source: features.speed.source,
         speed_confidence: features.speed.confidence,
         shaft_speeds,
@@ -381,6 +410,7 @@ mod tests {
             segment: 0,
             components: vec![part(state)],
             speed: Some(Hz(10.0)),
+            load: None,
             speed_source: Some(SpeedSource::Capture),
             speed_confidence: 1.0,
             shaft_speeds: vec![],

@@ -3,6 +3,7 @@
 use super::fault::{ComponentKind, Detector, FaultMode, GearSide, State};
 use crate::features::speed::SpeedSource;
 use crate::units::{Hz, Unit};
+use std::sync::Arc;
 
 /// Whether the machine runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -181,6 +182,10 @@ pub struct BaselineUse {
     pub used: bool,
     /// Why not, or how.
     pub reason: String,
+    /// Id of the signed baseline it belongs to.
+    pub id: Option<Arc<str>>,
+    /// Windows that went into it.
+    pub n_windows: usize,
 }
 
 /// The whole diagnosis of a machine over a window or capture.

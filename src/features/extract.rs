@@ -10,6 +10,7 @@ use super::absolute::AbsoluteVibration;
 use super::gear;
 use super::limit;
 use super::lines::LineReader;
+use super::load;
 use super::orbit;
 use super::overall;
 use super::plans::Plans;
@@ -138,6 +139,7 @@ impl Extractor {
         WindowFeatures {
             time_s: window.time_s,
             speed,
+            load: load::of(&machine, &self.channels, &self.channel_of_sensor, window),
             sensors,
             channels,
             shaft_lines,

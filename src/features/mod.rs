@@ -8,6 +8,7 @@ pub mod plans;
 pub mod speed;
 pub mod tacho;
 mod trace;
+pub mod load;
 pub mod turning;
 pub mod reception;
 pub mod sensor;
@@ -96,6 +97,8 @@ pub struct WindowFeatures {
     pub time_s: (f64, f64),
     /// Speed of the first shaft and how it was found.
     pub speed: speed::Speed,
+    /// Mean load, where a sensor measures it, in its unit.
+    pub load: Option<f64>,
     /// Health of each sensor of the machine that has a channel.
     pub sensors: Vec<sensor::SensorReading>,
     /// Named numbers by channel: what baselines and trends hold.

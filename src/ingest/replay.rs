@@ -53,6 +53,8 @@ pub struct StreamInfo {
     pub start_time: Option<Timestamp>,
     /// The capture's `shaft_speed_hz`.
     pub shaft_speed: Option<Hz>,
+    /// The capture's `load`.
+    pub load: Option<f64>,
     /// The channels as they are received, in the same order.
     pub received: Vec<ReceivedChannel>,
 }
@@ -170,6 +172,7 @@ fn opened(
         channels: described.channels.iter().map(|c| c.info.clone()).collect(),
         start_time: described.start_time,
         shaft_speed: described.shaft_speed,
+        load: described.load,
         received: described.channels.iter().map(received_channel).collect(),
     };
     let file = file.to_owned();
@@ -340,6 +343,7 @@ mod tests {
             channels: vec![channel("slow", SLOW_HZ), channel("fast", FAST_HZ)],
             start_time: None,
             shaft_speed: None,
+            load: None,
             received: Vec::new(),
         };
         Stream { info, next: Box::new(move || Ok(blocks.pop_front().unwrap_or(Step::End))) }

@@ -67,6 +67,9 @@ pub struct Limits {
     pub velocity_rms_warning_mm_per_s: Option<f64>,
     /// Velocity RMS 10–1000 Hz that counts as damaged (danger), mm/s.
     pub velocity_rms_damaged_mm_per_s: Option<f64>,
+    /// Inner edges of the bins of load, rising, in the unit of the load sensor: a baseline holds in its
+    /// bin only. Empty: loads within a fifth of the larger are one bin.
+    pub load_bins: Vec<f64>,
 }
 
 impl Limits {
@@ -82,6 +85,7 @@ impl Limits {
             velocity_rms_damaged_mm_per_s: self
                 .velocity_rms_damaged_mm_per_s
                 .or(zones.map(|zones| zones.c_d_mm_per_s)),
+            load_bins: self.load_bins.clone(),
         }
     }
 }

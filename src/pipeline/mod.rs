@@ -12,7 +12,10 @@ use crate::buffer::Ring;
 use crate::buffer::RingStatus;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Offered;
+use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::drift;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
@@ -50,6 +53,8 @@ pub struct Settings {
     pub provisional_segments: Option<u32>,
     /// Alarm policy.
     pub alarms: crate::alarms::Settings,
+    /// Load that the data state, in the unit of the load sensor; one that a sensor measures goes before.
+    pub load: Option<f64>,
 }
 
 impl Default for Settings {
@@ -61,6 +66,7 @@ impl Default for Settings {
             baseline: Baseline::default(),
             provisional_segments: None,
             alarms: crate::alarms::Settings::default(),
+            load: None,
         }
     }
 }
@@ -78,6 +84,15 @@ pub struct Outcome {
     pub judged: Judged,
     /// What changed for the operator.
     pub alarm_events: Vec<AlarmEvent>,
+}
+
+impl Outcome {
+    /// The window as a baseline takes it.
+    #[must_use]
+    pub fn offered(&self) -> Offered<'_> {
+        let (point, unfit) = (self.judged.point(), self.judged.unfit_for_baseline());
+        Offered { point, unfit, features: &self.features }
+    }
 }
 
 /// Why a monitor cannot be built.
@@ -107,6 +122,7 @@ pub struct Monitor {
     extractor: Extractor,
     run_up: RunUp,
     baseline: Baseline,
+    drift: drift::Watch,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
     alarms: AlarmEngine,
@@ -144,6 +160,7 @@ impl Monitor {
             extractor,
             run_up: RunUp::default(),
             baseline: settings.baseline.clone(),
+            drift: drift::Watch::default(),
             provisional: Vec::new(),
             rejected: Vec::new(),
             alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
@@ -211,6 +228,19 @@ impl Monitor {
         &self.channels
     }
 
+    /// Uses these records of signed baselines from now on, instead of those before; captures that were only
+    /// named stay. What a stream's own beginning gave gives way.
+    pub fn use_signed(&mut self, records: Vec<Record>) {
+        let named = self.baseline.records.iter().filter(|record| record.baseline.is_none());
+        let is_kept = records.is_empty() || !self.baseline.provisional;
+        let named = named.filter(|_| is_kept).cloned();
+        let provisional = is_kept && self.baseline.provisional;
+        let records: Vec<Record> = named.chain(records).collect();
+        if records != self.baseline.records {
+            self.baseline = Baseline { records, provisional };
+        }
+    }
+
     /// The plans kept from window to window: monitors of one thread may exchange them, so that each needs none of
     /// its own.
     pub fn plans_mut(&mut self) -> &mut Plans {
@@ -270,7 +300,9 @@ impl Monitor {
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
         let mut features = self.extractor.extract(&Window { time_s, channels });
         self.run_up.follow(&self.machine, &mut features);
-        let (baseline, uses) = self.baseline.at_speed(features.speed.first);
+        features.load = features.load.or(self.settings.load);
+        let point = OperatingPoint { speed: features.speed.first, load: features.load };
+        let (baseline, uses) = self.baseline.at(&point, &self.machine.limits.load_bins);
         let has_run = !features.laws.is_empty();
         let runs = if has_run { self.baseline.of_runs() } else { Baseline::default() };
         let context = Context {
@@ -282,6 +314,9 @@ impl Monitor {
             offered_baselines: uses.len(),
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
+        let is_fit = judged.unfit_for_baseline().is_none();
+        let window = drift::Window { time_s, features: &features.channels, is_fit };
+        self.drift.observe(&window, &baseline, &self.channels);
         let mut diagnosis = summary::of_window(&self.machine.id, &judged);
         self.add_stream_facts(&mut diagnosis);
         let measured = Measured {
@@ -408,6 +443,8 @@ impl Monitor {
                 }
             }
         }
+        let drifts = self.drift.drifts(&self.channels);
+        diagnosis.warnings.extend(drifts.iter().map(drift::Drift::text));
         if self.baseline.provisional {
             let n = self.baseline.records.len();
             diagnosis.provisional_baseline = Some(format!("the first {n} windows of this record"));

@@ -4,19 +4,25 @@
 //! that knows which database stands behind them. [`writer`] groups what comes into commits and keeps
 //! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
 
+mod baselines;
 mod names;
 mod rows;
 mod schema;
 pub mod sqlite;
 pub mod writer;
 
+pub use baselines::SqliteBaselines;
+
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::signed::Signed;
 use crate::signal::Timestamp;
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A stream of a machine, as far as the store must tell it from others.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -124,6 +130,83 @@ pub trait Archive: Send + Sync {
     fn configurations(&self) -> Result<Vec<ConfigurationEntry>, StoreError>;
 }
 
+/// A baseline as it is held.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Held {
+    /// The baseline.
+    pub signed: Signed,
+    /// Whether it is used.
+    pub is_active: bool,
+    /// Whether it is as it was signed; one that is not is never used.
+    pub is_intact: bool,
+}
+
+/// Who does something to a baseline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Act<'a> {
+    /// Who.
+    pub author: &'a str,
+    /// Why.
+    pub comment: &'a str,
+    /// When, UTC.
+    pub at: Timestamp,
+}
+
+/// Signed baselines. Each act is stored with its line in the audit when it returns.
+pub trait BaselineStore: Send + Sync {
+    /// The baselines of a machine, newest first.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    fn baselines(&self, machine: &str) -> Result<Vec<Held>, StoreError>;
+
+    /// Stores a baseline and uses it instead of those in `replaced`.
+    ///
+    /// # Errors
+    /// When it cannot be stored, also if its id is there already; nothing has changed then.
+    fn learn(&self, signed: &Signed, replaced: &[Arc<str>]) -> Result<(), StoreError>;
+
+    /// Uses a baseline of (machine, id) instead of those in `replaced`; false: there is none.
+    ///
+    /// # Errors
+    /// When that cannot be stored; nothing has changed then.
+    fn activate(
+        &self,
+        baseline: (&str, &str),
+        replaced: &[Arc<str>],
+        act: &Act<'_>,
+    ) -> Result<bool, StoreError>;
+
+    /// Removes a baseline of (machine, id); the audit keeps its id. False: there is none.
+    ///
+    /// # Errors
+    /// When that cannot be stored; nothing has changed then.
+    fn remove(&self, baseline: (&str, &str), act: &Act<'_>) -> Result<bool, StoreError>;
+
+    /// A number that is another one when somebody else has changed the store.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn version(&self) -> Result<i64, StoreError>;
+}
+
+/// Records of the active baselines of a machine; one that is not as it was signed is logged and left out.
+///
+/// # Errors
+/// When they cannot be read.
+pub fn active_records(store: &dyn BaselineStore, machine: &str) -> Result<Vec<Record>, StoreError> {
+    let mut records = Vec::new();
+    for held in store.baselines(machine)?.into_iter().filter(|held| held.is_active) {
+        if held.is_intact {
+            records.extend(held.signed.records);
+        } else {
+            let id = &*held.signed.id;
+            tracing::error!(machine, id, "a baseline is not as it was signed and is not used");
+        }
+    }
+    Ok(records)
+}
+
 /// Why the store cannot be opened, written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -148,6 +231,20 @@ pub enum StoreError {
     InUse {
         /// The lock.
         file: PathBuf,
+    },
+    /// A daemon of another version has it.
+    #[error(
+        "{} is in use by a daemon whose schema is {found}, and this program's is {known}: use the \
+         program of the daemon, or end the daemon first",
+        file.display()
+    )]
+    OtherVersion {
+        /// The database.
+        file: PathBuf,
+        /// Its schema.
+        found: u32,
+        /// The schema of this program.
+        known: u32,
     },
     /// It is damaged.
     #[error(
@@ -221,6 +318,8 @@ fn named(backup: Option<&PathBuf>) -> String {
     backup.map_or(String::new(), |backup| format!(" ({})", backup.display()))
 }
 
+#[cfg(test)]
+mod baselines_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

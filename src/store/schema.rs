@@ -45,6 +45,22 @@ const MIGRATIONS: &[&str] = &[
         WHERE author IS NOT NULL ORDER BY rowid;
      CREATE TABLE configuration (
         id INTEGER PRIMARY KEY, hash TEXT NOT NULL, version TEXT NOT NULL, since_utc INTEGER NOT NULL);",
+    // 3: signed baselines. Values are logarithms; what the id digests is in these four tables.
+    "CREATE TABLE baseline (
+        id TEXT PRIMARY KEY, machine TEXT NOT NULL, author TEXT NOT NULL, comment TEXT NOT NULL,
+        at_utc INTEGER NOT NULL, active INTEGER NOT NULL) WITHOUT ROWID;
+     CREATE INDEX baseline_of_machine ON baseline (machine, at_utc);
+     CREATE TABLE baseline_record (
+        baseline TEXT NOT NULL, number INTEGER NOT NULL, name TEXT NOT NULL, speed_hz REAL, load REAL,
+        n_windows INTEGER NOT NULL, PRIMARY KEY (baseline, number)) WITHOUT ROWID;
+     CREATE TABLE baseline_left_out (
+        baseline TEXT NOT NULL, number INTEGER NOT NULL, reason TEXT NOT NULL, n INTEGER NOT NULL,
+        PRIMARY KEY (baseline, number, reason)) WITHOUT ROWID;
+     CREATE TABLE baseline_feature (
+        baseline TEXT NOT NULL, number INTEGER NOT NULL, channel TEXT NOT NULL, feature TEXT NOT NULL,
+        log_value REAL NOT NULL, log_scatter REAL, n_windows INTEGER NOT NULL,
+        PRIMARY KEY (baseline, number, channel, feature)) WITHOUT ROWID;
+     ALTER TABLE audit ADD COLUMN baseline TEXT;",
 ];
 
 /// The newest schema.

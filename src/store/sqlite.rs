@@ -22,6 +22,7 @@ use crate::alarms::Moment;
 use crate::signal::Timestamp;
 use rusqlite::Connection;
 use rusqlite::ErrorCode;
+use rusqlite::OpenFlags;
 use rusqlite::OptionalExtension;
 use rusqlite::Transaction;
 use rusqlite::params;
@@ -73,6 +74,20 @@ pub struct SqliteArchive {
 /// # Errors
 /// When it cannot be used as it is; nothing was changed then.
 pub fn open(directory: &Path) -> Result<(SqliteStore, SqliteArchive), StoreError> {
+    let (connection, lock) = alone(directory)?;
+    let file = directory.join(FILE);
+    let reading = reading(&file).map_err(|error| with_place(error, &file))?;
+    let store = SqliteStore {
+        connection,
+        max_transitions: MAX_TRANSITIONS,
+        n_since_look: LOOK_EVERY,
+        _lock: lock,
+    };
+    Ok((store, SqliteArchive { connection: Mutex::new(reading) }))
+}
+
+/// Opens the database in `directory` for writing as its only process, and brings it up to date.
+pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> {
     let refused = |source| StoreError::Folder { directory: directory.to_owned(), source };
     fs::create_dir_all(directory).map_err(refused)?;
     let lock_file = directory.join(LOCK);
@@ -83,14 +98,23 @@ pub fn open(directory: &Path) -> Result<(SqliteStore, SqliteArchive), StoreError
     })?;
     let file = directory.join(FILE);
     let connection = writing(&file).map_err(|error| with_place(error, &file))?;
-    let reading = reading(&file).map_err(|error| with_place(error, &file))?;
-    let store = SqliteStore {
-        connection,
-        max_transitions: MAX_TRANSITIONS,
-        n_since_look: LOOK_EVERY,
-        _lock: lock,
-    };
-    Ok((store, SqliteArchive { connection: Mutex::new(reading) }))
+    Ok((connection, lock))
+}
+
+/// Opens another connection for writing to a database that a daemon has, and changes nothing in it.
+pub(super) fn beside(file: &Path) -> Result<Connection, StoreError> {
+    let opening = |source| failed("opening the store", source);
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(file, flags).map_err(opening)?;
+    connection.busy_timeout(BUSY).map_err(opening)?;
+    connection.pragma_update(None, "synchronous", "FULL").map_err(opening)?;
+    let found: u32 =
+        connection.query_row("PRAGMA user_version", (), |row| row.get(0)).map_err(opening)?;
+    if found == schema::newest() {
+        Ok(connection)
+    } else {
+        Err(StoreError::OtherVersion { file: file.to_owned(), found, known: schema::newest() })
+    }
 }
 
 fn writing(file: &Path) -> Result<Connection, StoreError> {

@@ -17,6 +17,7 @@ mod rubbish;
 mod recordings;
 mod recorder;
 mod kill;
+mod baseline;
 mod page;
 mod diagnose;
 mod evaluate;

@@ -1,6 +1,7 @@
 //! The service over a small shard thread with known signals: answers, refusals, limits.
 
 mod alarms;
+pub(super) mod baselines;
 mod guards;
 mod machines;
 mod signals;

@@ -170,6 +170,10 @@ pub struct BaselineWire {
     pub used: bool,
     /// Why not, or how.
     pub reason: String,
+    /// Id of the signed baseline it belongs to.
+    pub id: Option<String>,
+    /// Windows that went into it.
+    pub n_windows: usize,
 }
 
 /// Verdicts over time, in columns of equal length.
@@ -234,6 +238,8 @@ impl DiagnosisDocument {
                     name: b.name.clone(),
                     used: b.used,
                     reason: b.reason.clone(),
+                    id: b.id.as_deref().map(str::to_owned),
+                    n_windows: b.n_windows,
                 })
                 .collect(),
             provisional_baseline: d.provisional_baseline.clone(),

@@ -11,6 +11,7 @@ pub mod bearings;
 pub mod machines;
 pub mod signals;
 pub mod alarms;
+pub mod baselines;
 pub mod problem;
 pub mod system;
 pub mod simulation;

@@ -155,6 +155,7 @@ impl Table<'_> {
             start_time: survey.start_ns.map(Timestamp),
             machine: None,
             shaft_speed: None,
+            load: None,
             segments: listed.then(|| segments.len()),
             duration_s: last_s + survey.n_rows.saturating_sub(last_row) as f64 / rate.0,
             absent_channels: table::absent(self.machine, &channels),

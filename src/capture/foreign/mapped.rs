@@ -68,6 +68,7 @@ pub(in crate::capture) fn open(
         start_time,
         machine: machine_text,
         shaft_speed,
+        load: None,
         segments: several.then(|| segments.len()),
         duration_s: duration_s(&described, &segments),
         channels: described,

@@ -217,6 +217,18 @@ impl Store {
     }
 }
 
+/// The file of a machine's recording with this name under `root`; `None`: it is no name of one, or there
+/// is none.
+#[must_use]
+pub fn recording(root: &Path, machine: &str, name: &str) -> Option<PathBuf> {
+    let file = root.join(as_name(machine)).join(name);
+    // A name with a folder in it would lead elsewhere.
+    let is_plain = Path::new(name).file_name().is_some_and(|plain| plain == name);
+    let is_recording = is_plain && matches!(part_of(&file), Some(Part::Recording));
+    let is_file = || fs::symlink_metadata(&file).is_ok_and(|found| found.is_file());
+    (is_recording && is_file()).then_some(file)
+}
+
 /// What a file in a machine's folder is to the store.
 enum Part {
     Recording,

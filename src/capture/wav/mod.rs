@@ -94,6 +94,7 @@ pub(super) fn open(
         start_time: None,
         machine: None,
         shaft_speed: None,
+        load: None,
         segments: None,
         duration_s: header.n_frames as f64 / rate.0,
         absent_channels: table::absent(machine, &channels),

@@ -79,8 +79,20 @@ pub(super) fn diagnosis() -> Diagnosis {
         warnings: vec!["channel `left_x`: the data say g".into()],
         notes: vec!["guessed: separator ';', decimal comma".into()],
         baselines: vec![
-            BaselineUse { name: "a.h5".into(), used: true, reason: "speed fits".into() },
-            BaselineUse { name: "b.h5".into(), used: false, reason: "its speed differs".into() },
+            BaselineUse {
+                name: "a.h5".into(),
+                used: true,
+                reason: "speed fits".into(),
+                id: None,
+                n_windows: 1,
+            },
+            BaselineUse {
+                name: "b.h5".into(),
+                used: false,
+                reason: "its speed differs".into(),
+                id: None,
+                n_windows: 1,
+            },
         ],
         provisional_baseline: Some("the first 5 windows of this record".into()),
         timeline: None,

@@ -3,6 +3,7 @@
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::Usual;
 use crate::diagnosis::bearing::judge;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
@@ -111,13 +112,13 @@ fn judged_on(
     }
     let healthy = absolute_lines.iter().map(|line| {
         let id = &machine.bearing(line.bearing).id;
-        (("a".to_owned(), absolute::line_name(line.line, id)), 0.0)
+        (("a".to_owned(), absolute::line_name(line.line, id)), Usual::of_value(1.0))
     });
     let once = shaft::line_name(1, "s");
-    let log_values: BTreeMap<_, f64> =
-        healthy.chain([(("p".to_owned(), once.clone()), 0.0)]).collect();
+    let usual: BTreeMap<_, _> =
+        healthy.chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))]).collect();
     let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
-    let record = Record { name: "healthy".to_owned(), speed: Some(Hz(30.0)), log_values };
+    let record = Record { name: "healthy".to_owned(), usual, n_windows: 1, ..Record::default() };
     let baseline = Baseline { records: vec![record], provisional: false };
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
@@ -137,6 +138,9 @@ fn judged_on(
         bearing_lines,
         absolute_lines,
         gears: Vec::new(),
+        load: None,
+        pieces: Vec::new(),
+        laws: Vec::new(),
     };
     let channels = ["a", "b", "p"].map(|name| ChannelInfo {
         name: name.into(),
@@ -151,6 +155,7 @@ fn judged_on(
         channels: &channels,
         channel_of_sensor: &[0, 1, 2].map(|channel| Some(ChannelIndex(channel))),
         baseline: &baseline,
+        runs: &Baseline::default(),
         offered_baselines: 1,
     };
     judge(&features, &context)

@@ -169,6 +169,7 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
     WindowFeatures {
         time_s: (0.0, 10.0),
         speed: Speed::unknown(),
+        load: None,
         sensors: Vec::new(),
         channels,
         shaft_lines: (0..2)

@@ -187,6 +187,7 @@ impl Source {
             channels: infos,
             start_time: None,
             shaft_speed: shaft_speed.filter(|speed| speed.0 > 0.0),
+            load: None,
             received,
         };
         let n_block = block_len(simulation.rate_hz(), settings.speed);

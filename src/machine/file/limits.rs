@@ -35,6 +35,12 @@ const THRESHOLD: NumberRange = NumberRange::closed(-1e9, 1e9);
 /// Frequencies and speeds, Hz.
 const FREQUENCY_HZ: NumberRange = NumberRange::closed(0.0, 1e6);
 
+/// Loads, in whatever unit.
+const LOAD: NumberRange = NumberRange::closed(-1e12, 1e12);
+
+/// Bins of load, at most.
+const MAX_LOAD_BINS: usize = 100;
+
 /// Delays, s.
 const DELAY_S: NumberRange = NumberRange::closed(0.0, 86_400.0);
 
@@ -84,6 +90,7 @@ pub(super) fn read(mut section: Section<'_>, parts: &Parts<'_, '_>) -> (Limits, 
     let limits = Limits {
         velocity_rms_warning_mm_per_s: velocity("velocity_rms_warning_mm_per_s"),
         velocity_rms_damaged_mm_per_s: velocity("velocity_rms_damaged_mm_per_s"),
+        load_bins: section.rising("load_bins", LOAD, MAX_LOAD_BINS).unwrap_or_default(),
     };
     let ends = limits.velocity_rms_warning_mm_per_s.zip(limits.velocity_rms_damaged_mm_per_s);
     if let Some((warning, _)) = ends.filter(|(warning, damaged)| warning >= damaged) {

@@ -36,6 +36,18 @@ fn absent_keys_have_their_defaults() {
 }
 
 #[test]
+fn bins_of_load_rise() {
+    assert_eq!(read("").unwrap().limits.load_bins, [0.0; 0]);
+    let stated = read("[limits]\nload_bins = [-1, 0.5, 20]\n").unwrap();
+    assert_eq!(stated.limits.load_bins, [-1.0, 0.5, 20.0]);
+    assert_eq!(stated.limits_in_force().load_bins, stated.limits.load_bins);
+    for wrong in ["[]", "[2, 1]", "[1, 1]", "[nan]", "['a']", "3"] {
+        let text = read(&format!("[limits]\nload_bins = {wrong}\n")).unwrap_err().to_string();
+        assert!(text.contains("each above the one before"), "{wrong}: {text}");
+    }
+}
+
+#[test]
 fn every_mistake_is_told_with_what_is_allowed() {
     let unit = "unit = 'g'\nwarning_above = 1\n";
     for (text, words) in [

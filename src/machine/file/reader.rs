@@ -239,6 +239,27 @@ impl<'s> Section<'s> {
         self.or_refuse(key, fits, &allowed)
     }
 
+    /// `[a, b, …]`: one to `max` numbers of `range`, each above the one before.
+    pub(crate) fn rising(
+        &mut self,
+        key: &'static str,
+        range: NumberRange,
+        max: usize,
+    ) -> Option<Vec<f64>> {
+        let allowed =
+            format!("a list of 1 to {max} numbers, each {range}, each above the one before");
+        let value = self.value(key, Need::Optional, &allowed)?;
+        let entries = value.get_ref().as_array().filter(|list| (1..=max).contains(&list.len()));
+        let numbers = entries.and_then(|list| {
+            list.iter().map(|entry| number_of(entry.get_ref())).collect::<Option<Vec<f64>>>()
+        });
+        let fits = numbers.filter(|numbers| {
+            numbers.iter().all(|number| range.contains(*number))
+                && numbers.is_sorted_by(|a, b| a < b)
+        });
+        self.or_refuse(key, fits, &allowed)
+    }
+
     /// `[[a, b, …], …]`: rows of `width` finite numbers, at least one and at most [`MAX_TABLES`].
     pub(crate) fn rows(
         &mut self,

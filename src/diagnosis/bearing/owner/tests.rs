@@ -79,6 +79,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
         speed,
+        load: None,
         sensors: Vec::new(),
         channels: Vec::new(),
         shaft_lines: Vec::new(),
