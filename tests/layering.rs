@@ -33,11 +33,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("plot", &[]),
     ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
-    ("capture", &["units", "signal", "machine"]),
+    ("causes", &[]),
+    ("capture", &["units", "signal", "machine", "causes"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
-    ("store", &["units", "signal", "diagnosis", "alarms"]),
+    ("store", &["units", "signal", "diagnosis", "alarms", "causes"]),
     (
         "api",
         &[

@@ -188,6 +188,7 @@ impl Bench {
             channels: &self.channels,
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline,
+            runs: baseline,
             offered_baselines: 1,
             false_alarm_probability: rotorwatch::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         };

@@ -238,33 +238,43 @@ fn frequency_domain<T: Real>(n: usize) {
     let mut infogram = InfogramPlan::new(n, 5, 0..x_hat.len(), &mut cache);
     let mut information = vec![None; infogram.bands().len()];
     assert_no_allocation("infogram", n, || infogram.process(&x_hat, &mut information));
+    envelopes(&x, &x_hat, &mut cache);
+    wavelets(n, &x_hat, &mut cache);
+}
+
+/// Kernels of the envelope, from a signal's spectrum.
+fn envelopes<T: Real>(x: &[T], x_hat: &[Complex<T>], cache: &mut FftCache<T>) {
+    let n = x.len();
     let mut whiten = WhitenPlan::new(n, 32, 3.0);
-    let mut white = x_hat.clone();
+    let mut white = x_hat.to_vec();
     assert_no_allocation("whiten", n, || {
-        whiten.process(&x_hat, &mut white);
+        whiten.process(x_hat, &mut white);
     });
-    let mut envelope = SquaredEnvelopePlan::new(n, n / 8..n / 4, &mut cache);
+    let mut envelope = SquaredEnvelopePlan::new(n, n / 8..n / 4, cache);
     let mut e2 = zeros::<T>(envelope.out_len());
     assert_no_allocation("squared envelope", n, || envelope.process(&white, &mut e2));
-    let mut spectrum = EnvelopeSpectrumPlan::new(e2.len(), &mut cache);
+    let mut spectrum = EnvelopeSpectrumPlan::new(e2.len(), cache);
     let mut depth = zeros::<T>(spectrum.n_bins());
     assert_no_allocation("envelope spectrum", n, || {
         spectrum.process(&e2, &mut depth);
     });
-    let mut band = BandEnvelopePlan::new(n, n / 8..n / 4, &mut cache);
+    let mut band = BandEnvelopePlan::new(n, n / 8..n / 4, cache);
     let mut depth = zeros::<T>(band.n_bins());
     assert_no_allocation("envelope spectrum of a band", n, || {
-        band.process(&x, &mut depth);
+        band.process(x, &mut depth);
     });
-    let mut morlet = MorletPlan::new(n, FS_HZ, 280.0, cwt::DEFAULT_OMEGA0, &mut cache).unwrap();
+}
+
+/// Kernels of scale, from the spectrum of `n` samples.
+fn wavelets<T: Real>(n: usize, x_hat: &[Complex<T>], cache: &mut FftCache<T>) {
+    let mut morlet = MorletPlan::new(n, FS_HZ, 280.0, cwt::DEFAULT_OMEGA0, cache).unwrap();
     assert_no_allocation("morlet", n, || {
-        assert!(morlet.mean_magnitude(&x_hat).is_some());
+        assert!(morlet.mean_magnitude(x_hat).is_some());
     });
     let f_hz = [280.0, 560.0];
-    let mut picture =
-        ScalogramPlan::new(n, FS_HZ, &f_hz, cwt::DEFAULT_OMEGA0, 100, &mut cache).unwrap();
+    let mut picture = ScalogramPlan::new(n, FS_HZ, &f_hz, cwt::DEFAULT_OMEGA0, 100, cache).unwrap();
     let mut out = zeros::<T>(picture.out_len());
-    assert_no_allocation("scalogram", n, || picture.process(&x_hat, Part::Modulus, &mut out));
+    assert_no_allocation("scalogram", n, || picture.process(x_hat, Part::Modulus, &mut out));
     for rate in [Rate::Decimated, Rate::Full] {
         let settings = cwt_bank::Settings {
             fs_hz: FS_HZ,
@@ -272,14 +282,14 @@ fn frequency_domain<T: Real>(n: usize) {
             accuracy: Accuracy::Fine,
             rate,
         };
-        let mut bank = CwtPlan::new((n, n), &f_hz, &settings, &mut cache).unwrap();
+        let mut bank = CwtPlan::new((n, n), &f_hz, &settings, cache).unwrap();
         let mut w = vec![Complex::new(T::default(), T::default()); bank.out_len()];
         let mut parts = zeros::<T>(bank.out_len());
         let mut rms = [0.0; 2];
         assert_no_allocation("bank of scales", n, || {
-            bank.process(&x_hat, &mut w);
-            bank.process_part(&x_hat, Part::Real, &mut parts);
-            bank.rms(&x_hat, &mut rms);
+            bank.process(x_hat, &mut w);
+            bank.process_part(x_hat, Part::Real, &mut parts);
+            bank.rms(x_hat, &mut rms);
         });
     }
 }

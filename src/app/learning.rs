@@ -7,6 +7,7 @@ use crate::api::view::Span;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::Unfit;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
 use crate::pipeline::Outcome;
@@ -25,7 +26,7 @@ pub(super) struct Seen {
 struct Window {
     time_s: (f64, f64),
     point: OperatingPoint,
-    unfit: Option<&'static str>,
+    unfit: Option<Unfit>,
     /// Components accused in it.
     accused: Vec<String>,
 }
@@ -143,7 +144,7 @@ mod tests {
             seen.windows.push_back(Window {
                 time_s: (end_s - 10.0, end_s),
                 point: OperatingPoint { speed: Some(Hz(10.0)), load: None },
-                unfit: (i == 3).then_some("not running"),
+                unfit: (i == 3).then_some(Unfit::Stopped),
                 accused: if i == 4 { vec!["right".to_owned()] } else { Vec::new() },
             });
         }

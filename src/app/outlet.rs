@@ -11,7 +11,6 @@ use super::stop::Stop;
 use crate::api::view::SourceState;
 use crate::ingest::replay::Step;
 use std::cell::RefCell;
-use std::error::Error;
 use std::ops::ControlFlow;
 use std::panic::AssertUnwindSafe;
 use std::panic::catch_unwind;
@@ -96,11 +95,4 @@ impl<'a> Outlet<'a> {
         // Closed: the daemon is stopping, and nobody is left to tell.
         let _closed = self.link.send(Input::Source(state));
     }
-}
-
-/// An error's message followed by those of its causes.
-#[must_use]
-pub fn with_causes(error: &dyn Error) -> String {
-    let causes = std::iter::successors(error.source(), |&cause| cause.source());
-    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }

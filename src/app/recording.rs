@@ -1,6 +1,5 @@
 //! A machine's recorder on its source's thread: gives it the clock, logs and shows what it does.
 
-use super::outlet::with_causes;
 use crate::api::view::RecordingView;
 use crate::capture::received::Received;
 use crate::capture::received::ReceivedChannel;
@@ -11,6 +10,7 @@ use crate::capture::recording::machine::MachineRecorder;
 use crate::capture::recording::store::Store;
 use crate::capture::recording::store::StoreEvent;
 use crate::capture::writer::CaptureHeader;
+use crate::causes::with_causes;
 use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::ingest::replay::StreamInfo;

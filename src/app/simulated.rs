@@ -2,13 +2,13 @@
 
 use super::link::Link;
 use super::outlet::Outlet;
-use super::outlet::with_causes;
 use super::recording::Recording;
 use super::stop::Stop;
 use crate::api::view::NotTaken;
 use crate::api::view::ScenarioRequest;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
+use crate::causes::with_causes;
 use crate::ingest::simulated;
 use crate::ingest::simulated::Source;
 use crate::ingest::simulated::Status;

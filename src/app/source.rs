@@ -2,10 +2,10 @@
 
 use super::link::Link;
 use super::outlet::Outlet;
-use super::outlet::with_causes;
 use super::recording::Recording;
 use super::stop::Stop;
 use crate::api::view::SourceState;
+use crate::causes::with_causes;
 use crate::ingest::replay;
 use crate::ingest::replay::End;
 use crate::ingest::replay::ReplayError;

@@ -70,7 +70,7 @@ pub struct Arguments {
     /// What the files do not say.
     #[command(flatten)]
     pub hints: HintArguments,
-    /// Probability of a false accusation of a healthy part in a record, 1e-12 to 0.1; below 1e-4 it rests on the
+    /// Probability of a false accusation of a healthy part in a record, 1e-12 to 1e-3; below 1e-4 it rests on the
     /// assumed form of the noise.
     #[arg(long, value_name = "P", value_parser = probability, default_value = "1e-3")]
     pub false_alarm_probability: f64,
@@ -161,8 +161,8 @@ impl Tally {
 /// Reads a probability of false alarms.
 fn probability(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(number) if (1e-12..=0.1).contains(&number) => Ok(number),
-        Ok(_) | Err(_) => Err("not a number from 1e-12 to 0.1".to_owned()),
+        Ok(number) if (1e-12..=1e-3).contains(&number) => Ok(number),
+        Ok(_) | Err(_) => Err("not a number from 1e-12 to 1e-3".to_owned()),
     }
 }
 

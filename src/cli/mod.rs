@@ -23,7 +23,7 @@ pub mod openapi;
 pub mod completions;
 pub mod man;
 
-use crate::app::outlet::with_causes;
+use crate::causes::with_causes;
 use crate::telemetry;
 use crate::telemetry::LogFormat;
 use clap::Parser;

@@ -90,17 +90,8 @@ mod tests {
         let reading = |n_cells: f64| {
             let fundamental = Harmonic { power_ratio: 25.0, depth: 0.3, floor_dof: 100.0, n_cells };
             let second = Harmonic { n_cells: 3.0, ..fundamental };
-            BandReading {
-                band: Band { low: Hz(0.0), high: Hz(5000.0), whitened: false },
-                frequency: Hz(100.0),
-                harmonics: [Some(fundamental), Some(second), None, None],
-                side_band: None,
-                shaft_depth: 0.0,
-                slower: None,
-                is_shaft_product: false,
-                carrier: None,
-                mean_square: 1.0,
-            }
+            let band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
+            BandReading::of_test(band, Hz(100.0), &[fundamental, second])
         };
         // 32 cells for slip alone, 72 with 2 % of geometry: the price is the ratio of the cells.
         let (exact, wide) = (band_probability(&reading(32.0)), band_probability(&reading(72.0)));

@@ -35,6 +35,8 @@ pub struct Context<'a> {
     pub channel_of_sensor: &'a [Option<ChannelIndex>],
     /// Healthy reference at this window's speed; empty if there is none.
     pub baseline: &'a Baseline,
+    /// What does not depend on the speed of healthy records of any speed: parts of their runs.
+    pub runs: &'a Baseline,
     /// Healthy records offered, whatever their speed.
     pub offered_baselines: usize,
     /// Probability with which a component may be accused falsely in this decision.

@@ -9,6 +9,8 @@ use super::verdict::DataQuality;
 use crate::features::WindowFeatures;
 use crate::features::sensor::SensorFlaw;
 use crate::features::sensor::SensorReading;
+use crate::signal::ChannelIndex;
+use std::collections::BTreeSet;
 
 /// Judges every sensor that has a channel; healthy sensors are not listed.
 #[must_use]
@@ -68,6 +70,46 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
     verdict.severity = Some(severity);
     verdict.confidence = Some(0.95);
     Some(verdict)
+}
+
+/// Names of those of `channels` that are cut at the ends of their range, and whether all are.
+fn cut(
+    features: &WindowFeatures,
+    channels: impl Iterator<Item = ChannelIndex>,
+    context: &Context<'_>,
+) -> (String, bool) {
+    let channels: BTreeSet<ChannelIndex> = channels.collect();
+    let is_cut =
+        |c: &&ChannelIndex| features.sensors.iter().any(|r| r.channel == **c && r.is_cut());
+    let found: Vec<&str> =
+        channels.iter().filter(is_cut).map(|c| context.channel_name(*c)).collect();
+    let all = !channels.is_empty() && found.len() == channels.len();
+    (found.join(", "), all)
+}
+
+/// Why nothing is acquitted by these channels, if all of them are cut.
+pub(super) fn all_cut(
+    features: &WindowFeatures,
+    channels: impl Iterator<Item = ChannelIndex>,
+    context: &Context<'_>,
+) -> Option<String> {
+    let (names, all) = cut(features, channels, context);
+    all.then(|| {
+        format!("{names} is cut at the ends of its range: what is missing may have been cut off; choose a wider range")
+    })
+}
+
+/// What an accusation by these channels says of those that are cut; empty if none is.
+pub(super) fn cut_note(
+    features: &WindowFeatures,
+    channels: impl Iterator<Item = ChannelIndex>,
+    context: &Context<'_>,
+) -> String {
+    let (names, _) = cut(features, channels, context);
+    if names.is_empty() {
+        return names;
+    }
+    format!("; {names} is cut at the ends of its range, which lowers depth and severity")
 }
 
 /// Data quality over the machine's sensors: bad when none is left to judge by.

@@ -5,6 +5,7 @@
 
 use super::Context;
 use super::baseline::OperatingPoint;
+use super::baseline::Unfit;
 use super::fault::ComponentKind;
 use super::fault::FaultMode;
 use super::fault::State;
@@ -68,12 +69,12 @@ impl Judged {
 
     /// Why no baseline is learned from this window; `None`: one can be.
     #[must_use]
-    pub fn unfit_for_baseline(&self) -> Option<&'static str> {
+    pub fn unfit_for_baseline(&self) -> Option<Unfit> {
         match (self.operating_state, self.data_quality) {
-            (OperatingState::Stopped, _) => Some("not running"),
-            (OperatingState::Transient, _) => Some("the speed changes within the window"),
+            (OperatingState::Stopped, _) => Some(Unfit::Stopped),
+            (OperatingState::Transient, _) => Some(Unfit::Transient),
             (OperatingState::Running | OperatingState::Unknown, DataQuality::Bad) => {
-                Some("no usable sensor")
+                Some(Unfit::NoSensor)
             }
             (
                 OperatingState::Running | OperatingState::Unknown,
@@ -95,10 +96,7 @@ pub fn judge_window(
     let mut components = super::assess(features, context);
     let blocked = match operating_state {
         OperatingState::Stopped => Some("not running".to_owned()),
-        OperatingState::Transient => Some(format!(
-            "the speed changes by {:.1} % within the window",
-            100.0 * features.speed.excursion
-        )),
+        OperatingState::Transient => Some(features.speed.change()),
         OperatingState::Running | OperatingState::Unknown => None,
     };
     if let Some(why) = blocked {
@@ -108,7 +106,9 @@ pub fn judge_window(
             ComponentKind::Bearing => {
                 operating_state == OperatingState::Stopped || !features.speed.is_evened
             }
-            ComponentKind::Shaft | ComponentKind::Gear | ComponentKind::Machine => true,
+            // By the vectors of the run, which want a changing speed.
+            ComponentKind::Shaft => operating_state == OperatingState::Stopped,
+            ComponentKind::Gear | ComponentKind::Machine => true,
         };
         for component in components.iter_mut().filter(is_blocked) {
             make_undetermined(component, &why);

@@ -62,6 +62,7 @@ pub mod order_track;
 pub mod order_spectrum;
 pub mod comb;
 pub mod speed_track;
+pub mod speed_law;
 
 #[cfg(test)]
 mod drift;

@@ -99,6 +99,44 @@ impl<T: Real> WhitenPlan<T> {
     }
 }
 
+/// Half width of what a line of a transform without window covers, bins: beyond it less than a tenth of its height is
+/// left.
+const LINE_HALF_WIDTH: f64 = 3.0;
+
+/// Most of the spectrum that lines at multiples may cover, to either side of each: more is no line any more.
+const COVERED: f64 = 0.1;
+
+/// Limits the bins of a whitened spectrum around all multiples of a rate to the noise (D78): what repeats with each
+/// turn of a shaft is gone, what strikes at another rate stays but for the tenth of its lines, or less, that lie there.
+///
+/// `whitened`: [`WhitenPlan::process`]'s of `n` samples; `rate_bins`: the rate, bins (rate·n/f_s); `precision`: its
+/// relative error, which widens the places of the higher multiples until they would cover a tenth to either side; there
+/// it ends.
+pub fn limit_multiples<T: Real>(
+    whitened: &mut [Complex<T>],
+    n: usize,
+    rate_bins: f64,
+    precision: f64,
+) {
+    let noise = (n as f64).sqrt();
+    let mut centre = rate_bins;
+    loop {
+        let half_width = LINE_HALF_WIDTH + centre * precision;
+        let top = centre + half_width;
+        // Also ends where the rate is no number, or none.
+        if !(half_width <= COVERED * rate_bins && top < whitened.len() as f64) {
+            return;
+        }
+        for bin in &mut whitened[floor_index((centre - half_width).ceil())..=floor_index(top)] {
+            let magnitude = bin.norm_sqr().to_f64().sqrt();
+            if magnitude > noise {
+                *bin = bin.scale(T::rounded(noise / magnitude));
+            }
+        }
+        centre += rate_bins;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rustfft::num_traits::Zero;
@@ -187,6 +225,38 @@ mod tests {
         for x in [vec![0.0; 64], vec![2.0; 7], vec![1.0], vec![1.0, -1.0]] {
             let (out, _) = whitened::<f32>(&x);
             assert!(out.iter().all(|x| x.re.is_finite() && x.im.is_finite()));
+        }
+    }
+    #[test]
+    fn multiples_of_a_rate_come_down_to_the_noise_and_nothing_else_moves() {
+        // 20 s at 1 kHz: a blow every 0.25 s (4 Hz, 80 bins) beside a line between its harmonics.
+        let n = 20_000;
+        let mut x = gaussian_noise(n, 3);
+        for start in (0..n).step_by(250) {
+            x[start] += 60.0;
+        }
+        let beside = sine(n, 1000.0, 42.0, 5.0, 0.3);
+        let before: Vec<Complex<f64>> = spectrum(&sum(&[x, beside]));
+        let mut white = vec![Complex::zero(); before.len()];
+        WhitenPlan::new(n, 400, 10.0).process(&before, &mut white);
+        let kept = white.clone();
+        limit_multiples(&mut white, n, 80.0, 0.0);
+        let noise = (n as f64).sqrt();
+        for (k, (bin, was)) in white.iter().zip(&kept).enumerate() {
+            let from_multiple = (k % 80).min(80 - k % 80);
+            if from_multiple <= 3 && k >= 77 && k < 9_997 {
+                assert!(bin.norm() <= noise * (1.0 + 1e-12), "{k}");
+            } else {
+                assert_eq!(bin, was, "{k}");
+            }
+        }
+        assert!(kept[800].norm() > 5.0 * noise && white[840].norm() > 5.0 * noise);
+        // A rate that is known to 1 % only: up to the place where ± 5 bins more would cover too much.
+        let mut vague = kept.clone();
+        limit_multiples(&mut vague, n, 80.0, 0.01);
+        assert!(vague[480].norm() <= noise * (1.0 + 1e-12) && vague[560] == kept[560]);
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            limit_multiples(&mut vague.clone(), n, nothing, 0.0);
         }
     }
 }

@@ -103,6 +103,17 @@ pub struct Open {
     pub why: String,
 }
 
+/// What was said of one known fault, whatever was said of others.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// The component, if the truth names it.
+    pub component: Option<String>,
+    /// The fault.
+    pub fault: FaultMode,
+    /// One of the first four of [`Outcome::ALL`]: `Right` if it is named at its place.
+    pub outcome: Outcome,
+}
+
 /// The score of one record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
@@ -110,6 +121,8 @@ pub struct Score {
     pub outcome: Outcome,
     /// Whether the truth table accepts this outcome, so that it counts as right.
     pub accepted: bool,
+    /// What was said of each known fault; empty for a run to failure.
+    pub findings: Vec<Finding>,
     /// Everything accused.
     pub accusations: Vec<Accusation>,
     /// Components left open that the outcome depends on: those labelled, all of a healthy machine.
@@ -224,13 +237,18 @@ fn score_faults(
 ) -> Result<Score, ScoreError> {
     refuse_strangers(faults, diagnosis)?;
     let accusations = accusations(diagnosis, faults);
+    let finding = |known: &KnownFault| Finding {
+        component: known.component.clone(),
+        fault: known.fault,
+        outcome: outcome_of(known, &accusations, diagnosis),
+    };
+    let findings: Vec<Finding> = faults.iter().map(finding).collect();
     let outcome = if faults.is_empty() {
         if accusations.is_empty() { Outcome::Right } else { Outcome::FalseAlarm }
     } else if accusations.iter().any(|a| a.stray && !a.beside) {
         Outcome::WrongCause
     } else {
-        let each = faults.iter().map(|known| outcome_of(known, &accusations, diagnosis));
-        each.max().unwrap_or(Outcome::Right)
+        findings.iter().map(|f| f.outcome).max().unwrap_or(Outcome::Right)
     };
     let is_open = |c: &&ComponentDiagnosis| {
         c.state == State::Undetermined
@@ -247,6 +265,7 @@ fn score_faults(
         outcome,
         accepted: outcome != Outcome::Right && acceptable.iter().any(accepts),
         judgements: judgements(faults, &accusations, diagnosis),
+        findings,
         accusations,
         open,
         first_alarm: None,
@@ -342,6 +361,7 @@ fn score_life(acceptable: &[Acceptable], diagnosis: &Diagnosis) -> Result<Score,
     Ok(Score {
         outcome,
         accepted: outcome != Outcome::Right && acceptable.contains(&Acceptable::Outcome(outcome)),
+        findings: Vec::new(),
         accusations,
         open,
         judgements: Vec::new(),

@@ -4,9 +4,12 @@ use super::interval::Rate;
 use super::reliability;
 use super::reliability::Bin;
 use super::score::Accusation;
+use super::score::Finding;
 use super::score::Outcome;
 use super::score::Score;
 use super::truth::Known;
+use super::truth::kind_of;
+use crate::diagnosis::fault::ComponentKind;
 use std::collections::BTreeMap;
 
 /// One record that was to be scored.
@@ -86,6 +89,17 @@ pub struct Group {
     pub right: Rate,
 }
 
+/// Known faults of one kind counted by what was said of each, whatever was said of other parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Found {
+    /// Name of the fault.
+    pub fault: &'static str,
+    /// Whether their lines stand over the noise, where that is known.
+    pub is_visible: Option<bool>,
+    /// By outcome in the order of [`Outcome::ALL`]: named, accused without a cause, left open, called healthy.
+    pub outcomes: [usize; Outcome::ALL.len()],
+}
+
 /// Shares over all records with a score; what the table accepts counts as right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
@@ -95,6 +109,9 @@ pub struct Rates {
     pub right_of_faulty: Rate,
     /// Right, of those of which it is known that their fault's lines stand over the noise.
     pub right_of_visible: Rate,
+    /// Bearing faults called a warning or damage, whether the cause was named or not, of those whose lines stand over
+    /// the noise, whatever was said of other parts.
+    pub found_of_visible: Rate,
     /// Right or detected, of those with a known fault.
     pub found_of_faulty: Rate,
     /// Another cause named, of those with a known fault.
@@ -143,6 +160,8 @@ pub struct Summary<'r> {
     pub groups: Vec<Group>,
     /// All of them.
     pub total: Counts,
+    /// Known faults by kind.
+    pub found: Vec<Found>,
     /// Shares.
     pub rates: Rates,
     /// Accusations that are wrong, those on healthy machines among them, surest first.
@@ -180,6 +199,7 @@ impl<'r> Summary<'r> {
         Self {
             groups: groups.into_iter().map(group).collect(),
             total,
+            found: found(records),
             rates: Rates::of(records),
             mistakes: mistakes(records, |a| a.stray && !a.beside),
             beside: mistakes(records, |a| a.stray && a.beside),
@@ -212,12 +232,44 @@ impl Rates {
             right: rate(&|_| true, &is(Outcome::Right)),
             right_of_faulty: rate(&Record::is_fault, &is(Outcome::Right)),
             right_of_visible: rate(&|r| r.is_visible == Some(true), &is(Outcome::Right)),
+            found_of_visible: found_of_visible(records),
             found_of_faulty: rate(&Record::is_fault, &is_found),
             wrong_cause: rate(&Record::is_fault, &is(Outcome::WrongCause)),
             sure_wrong_cause: rate(&Record::is_fault, &is_sure),
             false_alarm: rate(&Record::is_healthy, &is(Outcome::FalseAlarm)),
         }
     }
+}
+
+/// Findings of all records with a score, and whether the record's lines stand over the noise, which is said of faults
+/// of bearings only.
+fn findings(records: &[Record]) -> impl Iterator<Item = (&Finding, Option<bool>)> {
+    records.iter().flat_map(|record| {
+        let findings = record.score.as_ref().map_or(&[][..], |score| &score.findings);
+        findings.iter().map(|finding| {
+            let is_bearing = kind_of(finding.fault) == Some(ComponentKind::Bearing);
+            (finding, record.is_visible.filter(|_| is_bearing))
+        })
+    })
+}
+
+fn found(records: &[Record]) -> Vec<Found> {
+    let mut counts: BTreeMap<(&str, Option<bool>), [usize; Outcome::ALL.len()]> = BTreeMap::new();
+    for (finding, is_visible) in findings(records) {
+        let outcomes = counts.entry((finding.fault.name(), is_visible)).or_default();
+        outcomes[finding.outcome as usize] += 1;
+    }
+    let found = |((fault, is_visible), outcomes)| Found { fault, is_visible, outcomes };
+    counts.into_iter().map(found).collect()
+}
+
+fn found_of_visible(records: &[Record]) -> Rate {
+    let (mut n, mut count) = (0, 0);
+    for (finding, _) in findings(records).filter(|(_, is_visible)| *is_visible == Some(true)) {
+        n += 1;
+        count += usize::from(matches!(finding.outcome, Outcome::Right | Outcome::Detected));
+    }
+    Rate::new(count, n)
 }
 
 /// Accusations that are `wanted`, the surest first; none of records that the table accepts.
@@ -268,7 +320,6 @@ mod tests {
     use super::super::score::Open;
     use super::super::truth::KnownFault;
     use super::*;
-    use crate::diagnosis::fault::ComponentKind;
     use crate::diagnosis::fault::FaultMode;
 
     fn score(outcome: Outcome, accepted: bool, stray: Option<f64>) -> Score {
@@ -281,9 +332,13 @@ mod tests {
             stray: true,
             beside: false,
         };
+        // What was said of one fault is one of the first four outcomes.
+        let of_fault = if stray.is_some() { Outcome::Missed } else { outcome };
+        let finding = Finding { component: None, fault: FaultMode::OuterRace, outcome: of_fault };
         Score {
             outcome,
             accepted,
+            findings: vec![finding],
             accusations: stray.map(accusation).into_iter().collect(),
             open: vec![Open { component: "fe".to_owned(), why: "too slow".to_owned() }],
             judgements: stray
@@ -297,6 +352,10 @@ mod tests {
     fn record(label: &str, score: Result<Score, String>) -> Record {
         let fault = KnownFault { fault: FaultMode::OuterRace, component: None };
         let faults = if label == "healthy" { Vec::new() } else { vec![fault] };
+        let score = score.map(|score| Score {
+            findings: score.findings.into_iter().take(faults.len()).collect(),
+            ..score
+        });
         Record {
             file: "x.h5".to_owned(),
             dataset: "rig".to_owned(),
@@ -334,6 +393,10 @@ mod tests {
         assert_eq!(counts(&rates.right), (4, 7));
         assert_eq!(counts(&rates.right_of_faulty), (3, 5));
         assert_eq!(counts(&rates.right_of_visible), (3, 5));
+        assert_eq!(counts(&rates.found_of_visible), (2, 5), "whatever the table accepts");
+        let found =
+            Found { fault: "outer_race", is_visible: Some(true), outcomes: [1, 1, 1, 2, 0, 0] };
+        assert_eq!(summary.found, [found]);
         assert_eq!(counts(&rates.found_of_faulty), (4, 5));
         assert_eq!(counts(&rates.wrong_cause), (1, 5));
         assert_eq!(counts(&rates.sure_wrong_cause), (1, 5));

@@ -11,14 +11,17 @@ use super::gear;
 use super::limit;
 use super::lines::LineReader;
 use super::load;
+use super::orbit;
 use super::overall;
 use super::plans::Plans;
 use super::reception;
+use super::run_up;
 use super::sensor;
 use super::sensor::SensorReading;
 use super::shaft;
 use super::speed;
 use super::speed::Peak;
+use super::speed::Phase;
 use super::speed::Speed;
 use super::speed::SpeedHints;
 use super::trace;
@@ -82,38 +85,24 @@ impl Extractor {
     pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
         let machine = Arc::clone(&self.machine);
         let mut sensors = self.read_sensors(window);
-        let mut traces = self.vibration_traces(window, &sensors);
+        let (mut traces, mut cut) = self.vibration_traces(window, &sensors);
         for trace in &mut traces {
             let unit = self.channels[trace.channel.0].unit;
             let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
             trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
         }
-        let mut speed = self.speed(window, &sensors, &traces);
+        let heard = if traces.is_empty() { &cut } else { &traces };
+        let mut speed = self.speed(window, &sensors, heard);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
-        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans);
+        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
+            | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
-        let mut absolute_lines = Vec::new();
+        let (mut absolute_lines, mut pieces) = (Vec::new(), Vec::new());
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
-            for trace in &mut traces {
-                let info = &self.channels[trace.channel.0];
-                shaft_lines.extend(over_floor(&machine, trace, first));
-                trace.features.extend(shaft_features(
-                    &machine,
-                    trace,
-                    info,
-                    first,
-                    self.plans.tables(),
-                ));
-                let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
-                trace.features.extend(limit::orders(&machine, sensor, run, first, info.unit));
-                let run = (trace.all.samples, info.sample_rate);
-                let (start_s, phase) = (trace.start_s(), speed.phase.as_ref());
-                let found = limit::vector(&machine, sensor, run, start_s, phase, info.unit);
-                trace.features.extend(found);
-            }
+            shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             let mut reader = LineReader::new(&machine, first);
-            for trace in &traces {
+            for trace in traces.iter().chain(&cut) {
                 let sensor = &machine.sensors[trace.sensor];
                 let range = trace.range;
                 bearing_lines.extend(reader.envelope_lines(
@@ -125,6 +114,11 @@ impl Extractor {
                 ));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
+            for trace in &traces {
+                let info = &self.channels[trace.channel.0];
+                let run = (info.sample_rate, info.unit);
+                pieces.extend(run_up::pieces(&machine, trace, run, &speed));
+            }
         }
         let inputs = gear_inputs(&machine, &traces);
         let gears = gear::read(&machine, &self.channels, &speed, &inputs, self.plans.wide_tables());
@@ -152,7 +146,31 @@ impl Extractor {
             bearing_lines,
             absolute_lines,
             gears,
+            pieces,
+            laws: Vec::new(),
         }
+    }
+
+    /// Adds to every trace what is read along the shafts; the 1× lines against the noise around them.
+    fn along_shafts(
+        &mut self,
+        machine: &Machine,
+        traces: &mut [Trace<'_>],
+        (first, phase): (Hz, Option<&Phase>),
+    ) -> Vec<shaft::OverFloor> {
+        let mut lines = Vec::new();
+        for trace in traces {
+            let info = &self.channels[trace.channel.0];
+            lines.extend(over_floor(machine, trace, first));
+            trace.features.extend(shaft_features(machine, trace, info, first, self.plans.tables()));
+            let (sensor, run) = (trace.sensor, (&trace.samples[..], trace.rate));
+            trace.features.extend(limit::orders(machine, sensor, run, first, info.unit));
+            let run = (trace.all.samples, info.sample_rate);
+            let start_s = trace.start_s();
+            let found = limit::vector(machine, sensor, run, start_s, phase, info.unit);
+            trace.features.extend(found);
+        }
+        lines
     }
 
     /// Health of every sensor that has a channel.
@@ -196,28 +214,35 @@ impl Extractor {
             .collect()
     }
 
-    /// Levels and spectra of the vibration channels whose sensor is alive.
+    /// Levels and spectra of the vibration channels whose sensor is alive; apart, those that are cut at the range, of
+    /// which only rates can be read: a level is too low, and a cut sine has harmonics.
     fn vibration_traces<'a>(
         &mut self,
         window: &Window<'a>,
         sensors: &[SensorReading],
-    ) -> Vec<Trace<'a>> {
-        let mut traces = Vec::new();
+    ) -> (Vec<Trace<'a>>, Vec<Trace<'a>>) {
+        let (mut traces, mut cut) = (Vec::new(), Vec::new());
         for reading in sensors {
             let sensor = &self.machine.sensors[reading.sensor];
             let Some(run) = window.channels.get(reading.channel.0).copied().flatten() else {
                 continue;
             };
-            if reading.flaw.is_some() || quantity(sensor.kind).is_none() || run.samples.len() < 16 {
+            if quantity(sensor.kind).is_none() || run.samples.len() < 16 {
                 continue;
             }
             let info = &self.channels[reading.channel.0];
+            if reading.is_cut() {
+                cut.push(Trace::new(reading, run, info.sample_rate, &mut self.plans));
+            }
+            if reading.flaw.is_some() {
+                continue;
+            }
             let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
             traces.push(trace);
         }
-        traces
+        (traces, cut)
     }
 
     /// Speed of the first shaft by the contract's precedence.
@@ -239,7 +264,7 @@ impl Extractor {
             let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
             peaks.extend(speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5)));
         }
-        let imitators = imitators(&self.machine);
+        let imitators = speed::imitators(&self.machine);
         let excluded: Vec<Hz> = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
         let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
         let mut settled = speed::settle(nominal, source, comb);
@@ -283,7 +308,12 @@ impl Extractor {
             let other = &self.channels[y.channel.0];
             let same = (x.rate, info.unit, x.range) == (y.rate, other.unit, y.range)
                 && x.samples.len() == y.samples.len();
-            if !same || machine.sensors[pair.x].kind == SensorKind::Proximitor {
+            if !same {
+                continue;
+            }
+            if machine.sensors[pair.x].kind == SensorKind::Proximitor {
+                let parts = orbit::parts(machine, (x, y), info.unit, first);
+                traces[ix].features.extend(parts);
                 continue;
             }
             let a = AbsoluteVibration::of(
@@ -408,31 +438,6 @@ fn velocity(
         value: read.mm_per_s,
         unit: Unit::MillimetrePerSecond,
     })
-}
-
-/// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
-fn imitators(machine: &Machine) -> Vec<f64> {
-    let mut orders = Vec::new();
-    for bearing in &machine.bearings {
-        let ratio = machine.shafts[bearing.shaft.0].ratio_to_first;
-        if let (Some(found), Some(ratio)) = (bearing.fault_orders(), ratio) {
-            let bands = &bearing.bands;
-            let lines = [
-                (found.bpfo, bands.bpfo),
-                (found.bpfi, bands.bpfi),
-                (found.two_bsf(), bands.two_bsf),
-            ];
-            for (order, band) in lines {
-                // Close enough together for the comb's reach around each.
-                let places = [band.low, band.low / 2.0, 0.0, band.high / 2.0, band.high];
-                for place in places {
-                    let order = order * ratio * (1.0 + place);
-                    orders.extend([order, 2.0 * order]);
-                }
-            }
-        }
-    }
-    orders
 }
 
 /// Whether a kind of sensor measures vibration.

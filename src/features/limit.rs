@@ -139,7 +139,10 @@ pub fn vector(
 
 /// A·cos φ and A·sin φ of the part A·cos(θ − φ) that turns with the shaft (F17), θ = 2π·`turns`(i);
 /// Hann-weighted over the samples whose angle is known. `None` below three revolutions.
-fn once_a_revolution(samples: &[f32], turns: impl Fn(usize) -> Option<f64>) -> Option<(f64, f64)> {
+pub(super) fn once_a_revolution(
+    samples: &[f32],
+    turns: impl Fn(usize) -> Option<f64>,
+) -> Option<(f64, f64)> {
     let known: Vec<(f64, f64)> =
         samples.iter().enumerate().filter_map(|(i, x)| Some((f64::from(*x), turns(i)?))).collect();
     let n = known.len() as f64;

@@ -17,9 +17,11 @@ use super::plans::Plans;
 use super::reach;
 use crate::dsp::envelope;
 use crate::dsp::real::floor_index;
+use crate::dsp::whiten;
 use crate::dsp::whiten::WhitenPlan;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
 use crate::machine::bearing::FaultRates;
 use crate::machine::bearing::RotatingRing;
 use crate::machine::sensor::Location;
@@ -45,6 +47,10 @@ const HANN_LOBE: f64 = 2.0;
 /// bands (20 dB): one tone then carries 1 % of a band of 1 kHz in 10 s, while impacts, a comb of a hundred lines,
 /// keep their shape.
 const WHITEN_CLIP: f64 = 10.0;
+
+/// How well a speed is known that shaft harmonics or a tacho gave, relative: orders of the shafts are brought down to
+/// the noise in the whitened bands as far up as this leaves them in their bins.
+const SPEED_PRECISION: f64 = 2e-5;
 
 /// One defect line to look for at a window's speed.
 #[derive(Debug)]
@@ -136,6 +142,9 @@ impl<'m> LineReader<'m> {
         let mut whitened = vec![Complex::default(); x_hat.len()];
         let half_width = floor_index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
         WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
+        for speed in self.shaft_speeds() {
+            whiten::limit_multiples(&mut whitened, n, speed.0 * duration_s, SPEED_PRECISION);
+        }
         let fastest = |(_, t): &(usize, Target)| t.expected.0 * (1.0 + t.band.high);
         let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
@@ -159,6 +168,16 @@ impl<'m> LineReader<'m> {
                 }
             }
         }
+    }
+
+    /// Speeds of all shafts that are known, each once.
+    fn shaft_speeds(&self) -> Vec<Hz> {
+        let shafts = (0..self.machine.shafts.len()).map(ShaftIndex);
+        let known = shafts.filter_map(|shaft| self.machine.shaft_speed(shaft, self.first));
+        let mut speeds: Vec<Hz> = known.filter(|speed| speed.0 > 0.0).collect();
+        speeds.sort_by(|a, b| a.0.total_cmp(&b.0));
+        speeds.dedup();
+        speeds
     }
 
     /// Highest frequency at which a bearing's or mesh's line is read: decides about oversampling.

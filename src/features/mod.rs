@@ -21,6 +21,8 @@ pub mod lines;
 pub mod absolute;
 pub mod gear;
 pub mod limit;
+pub mod orbit;
+pub mod run_up;
 pub mod extract;
 
 use crate::signal::ChannelIndex;
@@ -109,6 +111,10 @@ pub struct WindowFeatures {
     pub absolute_lines: Vec<absolute::AbsoluteLine>,
     /// Synchronous averages at gears.
     pub gears: Vec<gear::GearReading>,
+    /// Vectors of 1× of the probes, a piece of the window each.
+    pub pieces: Vec<run_up::Piece>,
+    /// What the vectors of the run up to this window say of a probe's shaft.
+    pub laws: Vec<run_up::ShaftLaw>,
 }
 
 impl WindowFeatures {

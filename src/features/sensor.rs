@@ -50,6 +50,19 @@ pub struct SensorReading {
     pub sample_range: (u64, u64),
 }
 
+/// Part of the samples that may be cut for rates still to be read: a Gaussian vibration is cut at 1.6 standard
+/// deviations then.
+const CUT_PART: f64 = 0.1;
+
+impl SensorReading {
+    /// Whether the signal is cut at the ends of its range, and so little that what repeats in it can still be read:
+    /// cutting lowers a line, and makes none at a rate that is not there.
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        matches!(self.flaw, Some(SensorFlaw::Clipped { part }) if part <= CUT_PART)
+    }
+}
+
 /// A run of one value longer than this part of the window is no vibration: at any sampling rate
 /// that resolves a vibration the signal crosses a quantisation step far more often.
 const STUCK_PART: f64 = 0.05;

@@ -12,6 +12,7 @@ use super::turning::Turning;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
+use crate::machine::Machine;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
 
@@ -98,6 +99,12 @@ impl Speed {
     #[must_use]
     pub fn is_transient(&self) -> bool {
         self.excursion > TRANSIENT_EXCURSION
+    }
+
+    /// What is said of a window whose speed changes.
+    #[must_use]
+    pub fn change(&self) -> String {
+        format!("the speed changes by {:.1} % within the window", 100.0 * self.excursion)
     }
 
     /// No speed.
@@ -297,6 +304,31 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
         is_evened: false,
         notes: Vec::new(),
     }
+}
+
+/// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
+pub(super) fn imitators(machine: &Machine) -> Vec<f64> {
+    let mut orders = Vec::new();
+    for bearing in &machine.bearings {
+        let ratio = machine.shafts[bearing.shaft.0].ratio_to_first;
+        if let (Some(found), Some(ratio)) = (bearing.fault_orders(), ratio) {
+            let bands = &bearing.bands;
+            let lines = [
+                (found.bpfo, bands.bpfo),
+                (found.bpfi, bands.bpfi),
+                (found.two_bsf(), bands.two_bsf),
+            ];
+            for (order, band) in lines {
+                // Close enough together for the comb's reach around each.
+                let places = [band.low, band.low / 2.0, 0.0, band.high / 2.0, band.high];
+                for place in places {
+                    let order = order * ratio * (1.0 + place);
+                    orders.extend([order, 2.0 * order]);
+                }
+            }
+        }
+    }
+    orders
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use crate::features::ChannelWindow;
 use crate::features::Extractor;
 use crate::features::Window;
 pub use crate::features::plans::Plans;
+use crate::features::run_up::RunUp;
 pub use crate::features::speed::SpeedHints;
 use crate::machine::Machine;
 use crate::signal::Block;
@@ -123,6 +124,7 @@ pub struct Monitor {
     grid: WindowGrid,
     segment: Option<u32>,
     extractor: Extractor,
+    run_up: RunUp,
     baseline: Baseline,
     drift: drift::Watch,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
@@ -160,6 +162,7 @@ impl Monitor {
             grid: WindowGrid::new(settings.window_s, settings.hop_s),
             segment: None,
             extractor,
+            run_up: RunUp::default(),
             baseline: settings.baseline.clone(),
             drift: drift::Watch::default(),
             provisional: Vec::new(),
@@ -206,6 +209,7 @@ impl Monitor {
             emit(outcome);
         }
         self.segment = None;
+        self.run_up.clear();
     }
 
     /// Adds samples that the source received but could not hand on, with the reason.
@@ -299,14 +303,18 @@ impl Monitor {
             (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
         let mut features = self.extractor.extract(&Window { time_s, channels });
+        self.run_up.follow(&self.machine, &mut features);
         features.load = features.load.or(self.settings.load);
         let point = OperatingPoint { speed: features.speed.first, load: features.load };
         let (baseline, uses) = self.baseline.at(&point, &self.machine.limits.load_bins);
+        let has_run = !features.laws.is_empty();
+        let runs = if has_run { self.baseline.of_runs() } else { Baseline::default() };
         let context = Context {
             machine: &self.machine,
             channels: &self.channels,
             channel_of_sensor: self.extractor.channel_of_sensor(),
             baseline: &baseline,
+            runs: &runs,
             offered_baselines: uses.len(),
             false_alarm_probability: self.settings.false_alarms.per_decision,
         };

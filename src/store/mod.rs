@@ -322,3 +322,5 @@ fn named(backup: Option<&PathBuf>) -> String {
 mod baselines_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod writer_tests;

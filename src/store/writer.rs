@@ -6,9 +6,8 @@
 
 use super::Batch;
 use super::StateStore;
-use super::StoreError;
+use crate::causes::with_causes;
 use std::collections::VecDeque;
-use std::error::Error;
 use std::sync::Mutex;
 use std::sync::MutexGuard;
 use std::sync::PoisonError;
@@ -166,18 +165,4 @@ impl<'s> Writer<'s> {
             self.status.count_lost(oldest.events.len());
         }
     }
-}
-
-/// An error's message and those of its causes, each once.
-fn with_causes(error: &StoreError) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let why = error.to_string();
-        if !text.ends_with(&why) {
-            text = format!("{text}: {why}");
-        }
-        cause = error.source();
-    }
-    text
 }

@@ -337,3 +337,58 @@ fn pink(random: &mut Pcg64Mcg) -> Vec<f64> {
     vibration::add_scaled(&mut scaled, &x, 1.0);
     scaled
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::fault::FaultMode;
+    use crate::diagnosis::fault::State;
+    use crate::diagnosis::verdict::Diagnosis;
+
+    /// What is said of a stand whose sensors were cut at this many standard deviations.
+    fn judged(defect: Option<Defect>, at: f32) -> Diagnosis {
+        let setting = Setting {
+            defect,
+            defect_db: 5.0,
+            disturbance: Disturbance::None,
+            motion: Motion::Steady,
+            has_tacho: false,
+            seed: 11,
+        };
+        let mut trial = trial("cut", &setting).unwrap();
+        for x in &mut trial.measured.samples {
+            let rms = crate::dsp::stats::Moments::of(x).variance().unwrap().sqrt();
+            let limit = at * f32::rounded(rms);
+            x.iter_mut().for_each(|v| *v = v.clamp(-limit, limit));
+        }
+        trial.diagnose().unwrap().unwrap()
+    }
+
+    #[test]
+    fn a_signal_cut_at_its_range_accuses_as_ever_and_acquits_nobody() {
+        for defect in [Defect::InnerRace, Defect::OuterRace] {
+            for at in [3.0, 2.0] {
+                let diagnosis = judged(Some(defect), at);
+                let damaged = diagnosis.components.iter().find(|c| c.id == DAMAGED).unwrap();
+                assert_eq!(damaged.fault, Some(defect.fault()), "{at}: {}", damaged.why);
+                assert!(damaged.why.contains("cut at the ends of its range"), "{}", damaged.why);
+            }
+        }
+        let healthy = judged(None, 2.5);
+        let bearings: Vec<_> =
+            healthy.components.iter().filter(|c| c.why.contains("a wider range")).collect();
+        assert_eq!(bearings.len(), 2, "{:?}", healthy.components);
+        assert!(bearings.iter().all(|c| c.state == State::Undetermined));
+        assert!(
+            !healthy
+                .components
+                .iter()
+                .any(|c| { c.state.is_accusation() && c.fault != Some(FaultMode::Clipped) })
+        );
+        // Not cut, they are healthy.
+        let whole = judged(None, 1e3);
+        let is_healthy =
+            |id: &str| whole.components.iter().any(|c| c.id == id && c.state == State::Healthy);
+        assert!(bearings.iter().all(|c| is_healthy(&c.id)));
+    }
+}

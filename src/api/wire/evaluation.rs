@@ -4,8 +4,8 @@ use super::finite;
 use super::names::{FaultName, KindName, OutcomeName};
 use crate::evaluation::interval::Rate;
 use crate::evaluation::reliability::Bin;
-use crate::evaluation::score::{Accusation, Outcome, Score};
-use crate::evaluation::summary::{Counts, Group, Mistake, Record, Summary};
+use crate::evaluation::score::{Accusation, Finding, Outcome, Score};
+use crate::evaluation::summary::{Counts, Found, Group, Mistake, Record, Summary};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -26,6 +26,8 @@ pub struct EvaluationDocument {
     pub total: CountsWire,
     /// Records by data set and label.
     pub groups: Vec<GroupWire>,
+    /// Known faults by kind, each counted by what was said of it, whatever was said of other parts.
+    pub found: Vec<FoundWire>,
     /// Shares with what they prove; what the table accepts counts as right.
     pub rates: RatesWire,
     /// Wrong accusations, those on healthy machines among them, the surest first.
@@ -74,6 +76,23 @@ pub struct GroupWire {
     pub right: RateWire,
 }
 
+/// Known faults of one kind.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct FoundWire {
+    /// The fault.
+    pub fault: String,
+    /// Whether their lines stand over the noise; null where that is not known.
+    pub visible: Option<bool>,
+    /// Named at their place.
+    pub named: usize,
+    /// Accused at their place without a cause, or as the machine's level.
+    pub detected: usize,
+    /// Their place was not judged.
+    pub undetermined: usize,
+    /// Their place was called healthy.
+    pub missed: usize,
+}
+
 /// A count and what it proves.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RateWire {
@@ -98,6 +117,9 @@ pub struct RatesWire {
     pub right_of_faulty: RateWire,
     /// Right, of records of which it is known that the fault's lines stand over the noise.
     pub right_of_visible: RateWire,
+    /// Bearing faults accused, the cause named or not, of those whose lines stand over the noise, whatever was said of
+    /// other parts.
+    pub found_of_visible: RateWire,
     /// Right or detected, of records with a known fault.
     pub found_of_faulty: RateWire,
     /// Wrong cause, of records with a known fault.
@@ -184,6 +206,8 @@ pub struct RecordWire {
     pub outcome: Option<OutcomeName>,
     /// Whether the table accepts the outcome, so that it counts as right.
     pub accepted: bool,
+    /// What was said of each known fault.
+    pub findings: Vec<FindingWire>,
     /// Everything accused.
     pub accused: Vec<AccusationWire>,
     /// Components that could not be judged: of a healthy machine any, else those labelled.
@@ -196,6 +220,17 @@ pub struct RecordWire {
     pub visible: Option<bool>,
     /// Processor time, s.
     pub processor_s: Option<f64>,
+}
+
+/// What was said of one known fault, whatever was said of others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct FindingWire {
+    /// The component; null if the truth does not name it.
+    pub component: Option<String>,
+    /// The fault.
+    pub fault: FaultName,
+    /// Right if it is named at its place, detected, undetermined or missed.
+    pub outcome: OutcomeName,
 }
 
 /// A component that could not be judged.
@@ -219,10 +254,12 @@ impl EvaluationDocument {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             total: CountsWire::new(&summary.total),
             groups: summary.groups.iter().map(GroupWire::new).collect(),
+            found: summary.found.iter().map(FoundWire::new).collect(),
             rates: RatesWire {
                 right: RateWire::new(&rates.right),
                 right_of_faulty: RateWire::new(&rates.right_of_faulty),
                 right_of_visible: RateWire::new(&rates.right_of_visible),
+                found_of_visible: RateWire::new(&rates.found_of_visible),
                 found_of_faulty: RateWire::new(&rates.found_of_faulty),
                 wrong_cause: RateWire::new(&rates.wrong_cause),
                 sure_wrong_cause: RateWire::new(&rates.sure_wrong_cause),
@@ -266,6 +303,20 @@ impl GroupWire {
             label: group.label.clone(),
             counts: CountsWire::new(&group.counts),
             right: RateWire::new(&group.right),
+        }
+    }
+}
+
+impl FoundWire {
+    fn new(found: &Found) -> Self {
+        let of = |outcome: Outcome| found.outcomes[outcome as usize];
+        Self {
+            fault: found.fault.to_owned(),
+            visible: found.is_visible,
+            named: of(Outcome::Right),
+            detected: of(Outcome::Detected),
+            undetermined: of(Outcome::Undetermined),
+            missed: of(Outcome::Missed),
         }
     }
 }
@@ -322,12 +373,18 @@ impl RecordWire {
             let open = score.open.iter();
             open.map(|o| OpenWire { component: o.component.clone(), why: o.why.clone() }).collect()
         };
+        let finding = |finding: &Finding| FindingWire {
+            component: finding.component.clone(),
+            fault: finding.fault.into(),
+            outcome: finding.outcome.into(),
+        };
         Self {
             file: record.file.clone(),
             dataset: record.dataset.clone(),
             label: record.label.clone(),
             outcome: score.map(|s| s.outcome.into()),
             accepted: score.is_some_and(|s| s.accepted),
+            findings: score.map(|s| s.findings.iter().map(finding).collect()).unwrap_or_default(),
             accused: score
                 .map(|s| s.accusations.iter().map(AccusationWire::new).collect())
                 .unwrap_or_default(),

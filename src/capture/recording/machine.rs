@@ -9,6 +9,7 @@ use super::align::{Act, Aligner};
 use super::file::{Recorder, RecordingHeader};
 use super::repair;
 use super::store::{Holdings, Store, StoreEvent};
+use crate::causes::with_causes;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -320,10 +321,4 @@ impl MachineRecorder {
     fn store(&self) -> MutexGuard<'_, Store> {
         self.store.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// An error's message followed by those of its causes.
-fn with_causes(error: &dyn std::error::Error) -> String {
-    let causes = std::iter::successors(error.source(), |&cause| cause.source());
-    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }

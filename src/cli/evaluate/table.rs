@@ -1,7 +1,7 @@
 //! Captures that a truth table lists, diagnosed one after another.
 
 use super::EvaluateError;
-use crate::app::outlet::with_causes;
+use crate::causes::with_causes;
 use crate::cli::input;
 use crate::cli::input::InputError;
 use crate::cli::progress::Progress;

@@ -25,6 +25,7 @@ pub(super) fn of(records: &[Record], summary: &Summary<'_>, truth: &str, page: &
     let mut out = String::new();
     page.paragraph(&mut out, 0, &format!("{} records of {truth}", records.len()));
     confusion(&mut out, summary);
+    found(&mut out, summary);
     rates(&mut out, summary);
     mistakes(&mut out, summary, page);
     weak(&mut out, records, page);
@@ -89,14 +90,52 @@ fn confusion(out: &mut String, summary: &Summary<'_>) {
     );
 }
 
+/// Known faults by kind, each by what was said of it.
+fn found(out: &mut String, summary: &Summary<'_>) {
+    let heading = [
+        ("fault", 20),
+        ("lines stand out", 15),
+        ("n", 5),
+        ("named", 5),
+        ("detected", 8),
+        ("undetermined", 12),
+        ("missed", 6),
+    ];
+    let heading = heading.map(|(name, width)| Column { name, width });
+    out.push('\n');
+    out.push_str(&table::heading(&heading));
+    for found in &summary.found {
+        let of = |outcome: Outcome| Cell::Plain(found.outcomes[outcome as usize] as f64, 0);
+        let visible = match found.is_visible {
+            Some(true) => "yes",
+            Some(false) => "no",
+            None => "-",
+        };
+        out.push_str(&table::text_row(
+            &heading,
+            &[
+                Cell::Text(found.fault.to_owned()),
+                Cell::Text(visible.to_owned()),
+                Cell::Plain(found.outcomes.iter().sum::<usize>() as f64, 0),
+                of(Outcome::Right),
+                of(Outcome::Detected),
+                of(Outcome::Undetermined),
+                of(Outcome::Missed),
+            ],
+        ));
+    }
+    out.push_str("each known fault by itself, whatever was said of other parts\n");
+}
+
 /// Shares of all records.
 fn rates(out: &mut String, summary: &Summary<'_>) {
     let rates = &summary.rates;
     let sure = format!("wrong cause at confidence {SURE} or more");
-    let lines: [(&str, &Rate); 7] = [
+    let lines: [(&str, &Rate); 8] = [
         ("right, of all", &rates.right),
         ("right, of those with a fault", &rates.right_of_faulty),
         ("right, of those whose lines stand out", &rates.right_of_visible),
+        ("bearing accused, of those whose lines stand out", &rates.found_of_visible),
         ("right or detected, of those with a fault", &rates.found_of_faulty),
         ("wrong cause, of those", &rates.wrong_cause),
         (&sure, &rates.sure_wrong_cause),

@@ -12,6 +12,7 @@ mod state;
 
 pub use record::Offered;
 pub use record::Record;
+pub use record::Unfit;
 pub use record::Usual;
 pub use state::LOAD_TOLERANCE;
 pub use state::OperatingPoint;
@@ -20,7 +21,9 @@ pub use state::SPEED_TOLERANCE;
 use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
+use crate::features::run_up;
 use crate::units::Unit;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Scatter (1σ of the logarithm) assumed when there are too few records to measure it.
@@ -89,6 +92,19 @@ impl Baseline {
         let used = self.records.iter().zip(&uses).filter(|(_, told)| told.used);
         let records = used.map(|(record, _)| record.clone()).collect();
         (Self { records, provisional: self.provisional }, uses)
+    }
+
+    /// What does not depend on the speed: the parts of bow and unbalance in the runs of all records.
+    #[must_use]
+    pub fn of_runs(&self) -> Self {
+        let of_run = |record: &Record| {
+            let kept = record.usual.iter().filter(|((_, name), _)| run_up::is_of_run(name));
+            let usual: BTreeMap<_, _> = kept.map(|(key, usual)| (key.clone(), *usual)).collect();
+            let is_there = !usual.is_empty();
+            is_there.then(|| Record { point: OperatingPoint::default(), usual, ..record.clone() })
+        };
+        let records = self.records.iter().filter_map(of_run).collect();
+        Self { records, provisional: self.provisional }
     }
 
     /// Normalised CWT amplitude ratios R(f) of a channel, one a CWT amplitude that the baseline has
@@ -161,7 +177,6 @@ fn fitting(record: &Record, now: &OperatingPoint) -> String {
 mod tests {
     use super::*;
     use crate::units::Hz;
-    use std::collections::BTreeMap;
 
     fn record(name: &str, speed: f64, value: f64) -> Record {
         let key = ("x".to_owned(), "rms".to_owned());

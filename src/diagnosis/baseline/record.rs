@@ -5,6 +5,7 @@ use super::robust;
 use super::state::OperatingPoint;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
+use crate::features::run_up;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use std::collections::BTreeMap;
@@ -52,13 +53,36 @@ pub struct Record {
     pub left_out: BTreeMap<String, usize>,
 }
 
+/// Why a window shows nothing of the machine at a steady speed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unfit {
+    /// The machine stands.
+    Stopped,
+    /// The speed changes: only what depends on no speed can be learned of it.
+    Transient,
+    /// No sensor is of use.
+    NoSensor,
+}
+
+impl Unfit {
+    /// For people.
+    #[must_use]
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Stopped => "not running",
+            Self::Transient => "the speed changes within the window",
+            Self::NoSensor => "no usable sensor",
+        }
+    }
+}
+
 /// A window offered to a record.
 #[derive(Debug, Clone)]
 pub struct Offered<'a> {
     /// Speed and load.
     pub point: OperatingPoint,
     /// Why it cannot be used; `None`: it can.
-    pub unfit: Option<&'static str>,
+    pub unfit: Option<Unfit>,
     /// Its features; those of flawed channels are not among them.
     pub features: &'a [ChannelFeatures],
 }
@@ -93,7 +117,7 @@ impl Record {
         let mut fit: Vec<&Offered<'_>> = Vec::new();
         for window in windows {
             match window.unfit {
-                Some(why) => leave(why),
+                Some(why) => leave(why.reason()),
                 None => fit.push(window),
             }
         }
@@ -107,9 +131,12 @@ impl Record {
             keeps
         });
         let mut logs: BTreeMap<(String, String), Vec<f64>> = BTreeMap::new();
-        for features in fit.iter().flat_map(|window| window.features) {
+        let of_runs = windows.iter().filter(|window| window.unfit == Some(Unfit::Transient));
+        let taken = fit.iter().copied().chain(of_runs);
+        for (window, features) in taken.flat_map(|w| w.features.iter().map(move |f| (w, f))) {
             let channel = &channels[features.channel.0].name;
-            let learned = |f: &&Feature| f.value > 0.0 && !is_ratio(&f.name);
+            let is_meant = |f: &Feature| window.unfit.is_none() || run_up::is_of_run(&f.name);
+            let learned = |f: &&Feature| f.value > 0.0 && !is_ratio(&f.name) && is_meant(f);
             for feature in features.values.iter().filter(learned) {
                 let key = (channel.clone(), feature.name.to_string());
                 logs.entry(key).or_default().push(feature.value.ln());
@@ -166,7 +193,7 @@ mod tests {
         vec![ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values }]
     }
 
-    fn record(windows: &[(f64, f64, Option<&'static str>, f64)]) -> Record {
+    fn record(windows: &[(f64, f64, Option<Unfit>, f64)]) -> Record {
         let measured: Vec<_> = windows.iter().map(|w| features(w.3)).collect();
         let offered: Vec<Offered<'_>> = windows
             .iter()
@@ -201,7 +228,7 @@ mod tests {
         let found = record(&[
             (10.0, 5.0, None, 1.0),
             (10.1, 6.0, None, 1.0),
-            (10.0, 5.0, Some("not running"), 50.0),
+            (10.0, 5.0, Some(Unfit::Stopped), 50.0),
             (13.0, 5.0, None, 50.0),
             (10.0, 15.0, None, 50.0),
             (10.2, 9.9, None, 1.0),
@@ -217,8 +244,24 @@ mod tests {
 
     #[test]
     fn nothing_usable_is_an_empty_record() {
-        let found = record(&[(10.0, 5.0, Some("not running"), 1.0)]);
+        let found = record(&[(10.0, 5.0, Some(Unfit::Stopped), 1.0)]);
         assert_eq!((found.n_windows, found.usual.len()), (0, 0));
         assert_eq!(found.point, OperatingPoint::default());
+    }
+    #[test]
+    fn of_a_window_whose_speed_changes_only_what_depends_on_no_speed_is_learned() {
+        let value = |name: String, value| Feature { name: Arc::from(name), value, unit: Unit::One };
+        let features = |rms: f64| {
+            let values = vec![value("rms".to_owned(), rms), value(run_up::bow_name("s"), 2.0)];
+            vec![ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values }]
+        };
+        let (steady, rising) = (features(1.0), features(9.0));
+        let point = OperatingPoint { speed: Some(Hz(10.0)), load: None };
+        let offered = |unfit, features| Offered { point, unfit, features };
+        let windows = [offered(None, &steady[..]), offered(Some(Unfit::Transient), &rising[..])];
+        let found = Record::of_offered("r", &windows, &[channel("x")], &[]);
+        assert_eq!((rms(&found).n_windows, rms(&found).log_value), (1, 0.0));
+        let bow = found.usual[&("x".to_owned(), run_up::bow_name("s"))];
+        assert_eq!(bow.n_windows, 2);
     }
 }

@@ -52,19 +52,26 @@ pub(super) struct Candidate<'a> {
     power: LinePower,
 }
 
-/// Power a line carries in the lowest band, and in the strongest of those above it if there are any, u²;
-/// of bands that show it, and of all.
+/// Power a line carries, u².
 #[derive(Debug, Clone, Copy, Default)]
 struct LinePower {
-    lowest_shown: f64,
-    above_shown: f64,
+    /// In the lowest band, whether it shows the line or not.
     lowest: f64,
+    /// The same if it shows the line, else 0.
+    lowest_shown: f64,
+    /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
     above: Option<f64>,
+    /// Whether something else explains the line in every one of those, so that it may be hidden there.
+    is_hidden_above: bool,
 }
 
 impl LinePower {
     /// From the readings as measured (a whitened band has no power of its own).
-    fn of(readings: &[BandReading], shows: impl Fn(&BandReading) -> bool) -> Self {
+    fn of(
+        readings: &[BandReading],
+        own: impl Fn(&BandReading) -> bool,
+        shows: impl Fn(&BandReading) -> bool,
+    ) -> Self {
         let raw = || readings.iter().filter(|r| !r.band.whitened);
         let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
         let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
@@ -73,10 +80,10 @@ impl LinePower {
         let touching = raw().filter(|r| r.band.low.0 <= floor_hz);
         let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
         Self {
-            lowest_shown: lowest.map_or(0.0, shown),
-            above_shown: raw().filter(is_above).map(shown).fold(0.0, f64::max),
             lowest: lowest.map_or(0.0, power),
+            lowest_shown: lowest.map_or(0.0, shown),
             above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
+            is_hidden_above: !raw().filter(is_above).any(own),
         }
     }
 }
@@ -87,6 +94,11 @@ pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
     let above = line.iter().filter_map(|c| c.power.above).reduce(|a, b| a + b);
     let lowest: f64 = line.iter().map(|c| c.power.lowest).sum();
     above.is_some_and(|above| above < SMOOTH_POWER * lowest)
+}
+
+/// The same where a band above could have shown it in one channel at least: nothing hides it there.
+pub(super) fn is_seen_to_be_smooth(line: &[Candidate<'_>]) -> bool {
+    is_smooth(line) && line.iter().any(|c| !c.power.is_hidden_above)
 }
 
 impl<'a> Candidate<'a> {
@@ -101,8 +113,7 @@ impl<'a> Candidate<'a> {
     /// Power the line carries above the lowest band, or in it if nowhere else: what decides who hears it
     /// best. High frequencies die out on their way, low ones shake the whole machine.
     pub(super) fn line_power(&self) -> f64 {
-        let LinePower { above_shown, lowest_shown, .. } = self.power;
-        if above_shown > 0.0 { above_shown } else { lowest_shown }
+        self.power.above.filter(|above| *above > 0.0).unwrap_or(self.power.lowest_shown)
     }
 
     pub(super) fn power_ratio(&self) -> f64 {
@@ -152,7 +163,7 @@ impl<'a> Candidate<'a> {
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
-            power: LinePower::of(&readings, shows),
+            power: LinePower::of(&readings, own, shows),
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
@@ -202,6 +213,7 @@ impl<'a> Candidate<'a> {
     /// passing elements only where they happen to move the vibration's level.
     pub(super) fn is_agreed(&self) -> bool {
         self.agreed_depth >= severity::WARNING_DEPTH
+            || self.is_broad() && self.depth() >= NARROW_DEPTH
     }
 
     /// Whether another bearing strikes so much harder that what is heard here may be its blows, modulated
@@ -262,17 +274,8 @@ mod tests {
         let reading = |i: u32| {
             let (power_ratio, depth) = if i < n_deep { (900.0, depth) } else { (1.0, 0.01) };
             let harmonic = Harmonic { power_ratio, depth, floor_dof: 100.0, n_cells: 40.0 };
-            BandReading {
-                band: Band { low: Hz(0.0), high: Hz(5e3), whitened: false },
-                frequency: Hz(150.0),
-                harmonics: [Some(harmonic), Some(harmonic), None, None],
-                side_band: None,
-                shaft_depth: 0.0,
-                slower: None,
-                is_shaft_product: false,
-                carrier: None,
-                mean_square: 1.0,
-            }
+            let band = Band { low: Hz(0.0), high: Hz(5e3), whitened: false };
+            BandReading::of_test(band, Hz(150.0), &[harmonic; 2])
         };
         LineSearch {
             bearing: BearingIndex(0),

@@ -112,7 +112,7 @@ pub(super) fn why_open(
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
         // A smooth motion in few bands is what a sound bearing shows.
         let is_odd = |c: &&Candidate<'_>| {
-            c.is_deep_in_few() && !is_smooth(c, seen) && !has_not_grown(c, seen)
+            c.is_deep_in_few() && !is_seen_to_be_smooth(c, seen) && !has_not_grown(c, seen)
         };
         let deep = of_elements.find(is_odd)?;
         Some(in_few_bands(deep, seen.context))
@@ -144,7 +144,8 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
             && line.is_agreed()
             && !line.is_bare()
             && !line.is_carried()
-            && !is_smooth(line, seen)
+            // Accepted, it would explain itself.
+            && !candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh_all(s, &[], 1.0)))
             && !has_not_grown(line, seen)
     };
     let line = proven
@@ -161,14 +162,27 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
 /// rate.
 fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, seen.accepted, 1.0)))
+}
+
+/// The same if nothing hides what it may do above.
+fn is_seen_to_be_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let weigh = |s| Candidate::weigh(s, seen.accepted, 1.0);
+    candidate::is_seen_to_be_smooth(&everywhere(line, seen, weigh))
+}
+
+/// What all channels, at whatever bearing, that listen for a line at this rate read of it.
+fn everywhere<'a>(
+    line: &Candidate<'_>,
+    seen: &Seen<'a>,
+    weigh: impl Fn(&'a LineSearch) -> Candidate<'a>,
+) -> Vec<Candidate<'a>> {
     let near = |s: &&LineSearch| {
         let (a, b) = (s.expected.0, line.search.expected.0);
         (a - b).abs() <= s.resolution.0 && s.outcome.is_ok()
     };
     let searches = seen.features.bearing_lines.iter().filter(near);
-    let lines: Vec<Candidate<'_>> =
-        searches.map(|s| Candidate::weigh(s, seen.accepted, 1.0)).collect();
-    candidate::is_smooth(&lines)
+    searches.map(weigh).collect()
 }
 
 /// Whether a baseline has this line of the absolute vibration and it has not grown since.
@@ -242,6 +256,15 @@ pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<
     )
 }
 
+/// Why a line of the turning race that has grown under a shaft that moves does not accuse.
+pub(super) fn loaded(grown: &Grown<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; 1× displacement of the shaft is up, and what turns with it loads the race at one place, which sound \
+         elements pass at this rate: cause not proven",
+        grown.sentence(context)
+    )
+}
+
 /// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
 pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
     let described = context.machine.bearing(bearing);
@@ -277,3 +300,7 @@ fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
         names.join(", ")
     ))
 }
+
+#[cfg(test)]
+#[path = "doubt_tests.rs"]
+mod tests;

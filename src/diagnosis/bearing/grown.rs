@@ -6,6 +6,7 @@
 use super::accept::Accepted;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
+use crate::diagnosis::rotation;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
 use crate::features::absolute;
@@ -13,6 +14,7 @@ use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::overall;
 use crate::machine::BearingIndex;
+use crate::machine::bearing::RotatingRing;
 use crate::units::Hz;
 
 /// Growth of the line's amplitude over the baseline that proves a defect: at least 180 was seen of a
@@ -57,6 +59,9 @@ pub(super) enum Growth<'a> {
     Proven(Grown<'a>),
     /// A line beside a stronger one that has grown as well: of another element, or at another bearing.
     Beside(Grown<'a>, &'a AbsoluteLine),
+    /// A line of the turning race under a shaft that moves more than it did: its bow or unbalance turns with that race
+    /// and loads it at one place, which sound elements pass at the same rate.
+    Carried(Grown<'a>),
 }
 
 /// The strongest line of `bearing` that has grown: it stands over the noise *and* over the baseline,
@@ -98,7 +103,25 @@ pub(super) fn strongest<'a>(
         .filter(is_searched)
         .filter(|l| l.amplitude > grown.line.amplitude)
         .find(|l| growth(l, features, context).is_some());
-    Some(stronger.map_or(Growth::Proven(grown), |other| Growth::Beside(grown, other)))
+    Some(match stronger {
+        Some(other) => Growth::Beside(grown, other),
+        None if is_loaded_by_the_shaft(grown.line, features, context) => Growth::Carried(grown),
+        None => Growth::Proven(grown),
+    })
+}
+
+/// Whether the line is that of the race that turns, of a bearing whose shaft moves more than it did (C9).
+fn is_loaded_by_the_shaft(
+    line: &AbsoluteLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let bearing = context.machine.bearing(line.bearing);
+    let of_turning_race = match bearing.rotating_ring {
+        RotatingRing::Inner => DefectLine::Bpfi,
+        RotatingRing::Outer => DefectLine::Bpfo,
+    };
+    line.line == of_turning_race && rotation::is_moved(bearing.shaft, features, context)
 }
 
 /// Ratio of a line's amplitude to its baseline, and the probability of that by chance; `None` if it is too small to

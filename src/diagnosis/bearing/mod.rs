@@ -17,6 +17,7 @@ use super::confidence;
 use super::fault::ComponentKind;
 use super::fault::FaultMode;
 use super::fault::State;
+use super::sensor;
 use super::severity;
 use super::verdict::ComponentDiagnosis;
 use super::verdict::OtherFault;
@@ -25,6 +26,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
+use crate::signal::ChannelIndex;
 use accept::Accepted;
 use candidate::Candidate;
 use doubt::Seen;
@@ -69,13 +71,9 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let seen = Seen { bearing, features, context, accepted };
-    let Sorted { mut proven, mut shared, doubts } = doubt::sort(&candidates, &seen);
-    // A line that is there by the usual measure, but not as surely as this decision asks, is not acquitted either.
-    let is_sure = |c: &Candidate<'_>| c.probability() <= context.false_alarm_probability;
-    let accusing = proven.iter().copied().chain(shared.iter().map(|(c, _)| *c));
-    let unsure = accusing.filter(|c| !is_sure(c)).map(|c| unsure(c, context)).next();
-    proven.retain(|c| is_sure(c));
-    shared.retain(|(c, _)| is_sure(c));
+    let mut sorted = doubt::sort(&candidates, &seen);
+    let unsure = leave_unsure(&mut sorted, context);
+    let Sorted { proven, shared, doubts } = sorted;
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -90,17 +88,29 @@ fn judge_one(
             Some(Growth::Beside(grown, other)) => {
                 verdict.why = doubt::beside(&grown, other, context);
             }
+            Some(Growth::Carried(grown)) => verdict.why = doubt::loaded(&grown, context),
             None if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
             None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
-                None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+                None => match sensor::all_cut(features, heard_in(&searches), context) {
+                    Some(cut) => verdict.why = cut,
+                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+                },
             },
         },
+    }
+    if verdict.state.is_accusation() {
+        verdict.why.push_str(&sensor::cut_note(features, heard_in(&searches), context));
     }
     if verdict.state == State::Undetermined {
         verdict.why.push_str(&doubt::wide_band(bearing, context));
     }
     verdict
+}
+
+/// Channels that lines could be read in.
+fn heard_in<'a>(searches: &'a [&LineSearch]) -> impl Iterator<Item = ChannelIndex> + 'a {
+    searches.iter().filter(|s| s.outcome.is_ok()).map(|s| s.channel)
 }
 
 /// Why the races of a bearing could not be looked at, if so.
@@ -244,6 +254,17 @@ fn accuse_by_growth(
     let speed = 0.5 + 0.5 * features.speed.confidence;
     verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
     verdict.why = grown.sentence(context);
+}
+
+/// Takes away what accuses, but not as surely as this decision asks; why the first of it does not accuse. It is
+/// there by the usual measure, so it does not acquit either.
+fn leave_unsure(sorted: &mut Sorted<'_>, context: &Context<'_>) -> Option<String> {
+    let is_sure = |c: &Candidate<'_>| c.probability() <= context.false_alarm_probability;
+    let accusing = sorted.proven.iter().copied().chain(sorted.shared.iter().map(|(c, _)| *c));
+    let why = accusing.filter(|c| !is_sure(c)).map(|c| unsure(c, context)).next();
+    sorted.proven.retain(|c| is_sure(c));
+    sorted.shared.retain(|(c, _)| is_sure(c));
+    why
 }
 
 /// Why a line does not accuse in this decision.

@@ -55,8 +55,10 @@ pub(super) fn judge_gear(
     let mesh = reading.and_then(|reading| mesh_growth(reading, features, context));
     let wear = mesh.as_ref().and_then(|mesh| mesh.wear.as_ref());
     let outgrows = gear_place::outgrows(local.ratio, mesh.as_ref());
+    let at_one_tooth = reading.is_some_and(gear_place::is_one_tooth);
     if let Some(wear) = wear.filter(|_| !local.is_up() || !outgrows) {
-        accuse_of_wear(&mut verdict, wear, local, features);
+        let is_moved = cwt_up || moved_by(shaft, all_signs, context).is_some();
+        judge_wear(&mut verdict, wear, local, (at_one_tooth, is_moved), features);
         return verdict;
     }
     if !local.is_up() {
@@ -71,7 +73,6 @@ pub(super) fn judge_gear(
         );
         return verdict;
     }
-    let at_one_tooth = reading.is_some_and(gear_place::is_one_tooth);
     if !at_one_tooth && !cwt_up {
         verdict.why = format!(
             "the difference signal of the synchronous average is {:.1} times its baseline in {heard_in}, but all round the \
@@ -132,21 +133,34 @@ fn mesh_growth(
     gear_place::growth(reading, channel, context)
 }
 
-/// Wear of all teeth: the higher mesh harmonics have grown, and no tooth more than the mesh.
-fn accuse_of_wear(
+/// The higher mesh harmonics have grown and no tooth more than the mesh: wear of all teeth, unless one tooth stands out,
+/// which raises all orders, or 1× is up, for a shaft that moves misaligns the mesh.
+fn judge_wear(
     verdict: &mut ComponentDiagnosis,
     wear: &Wear,
     local: &Indicator,
+    (at_one_tooth, is_moved): (bool, bool),
     features: &WindowFeatures,
 ) {
-    let by = Indicator { ratio: wear.ratio, probability: wear.probability, ..local.clone() };
-    accuse(verdict, &by, Some(FaultMode::DistributedWear), features);
-    verdict.evidence.extend(wear.evidence.iter().cloned());
-    verdict.why = format!(
-        "every higher mesh harmonic is {:.1} times its baseline or more in {}, the fundamental less than half of that, and no tooth \
-         stands out of the mesh",
+    let grown = format!(
+        "every higher mesh harmonic is {:.1} times its baseline or more in {}, the fundamental less than half of that",
         wear.ratio, local.evidence.channel
     );
+    verdict.evidence.extend(wear.evidence.iter().cloned());
+    if is_moved {
+        verdict.why = format!(
+            "{grown}, but 1× is up, and a shaft that moves misaligns the mesh: not separable"
+        );
+        return;
+    }
+    let by = Indicator { ratio: wear.ratio, probability: wear.probability, ..local.clone() };
+    let (fault, what) = if at_one_tooth {
+        (None, "; one tooth stands out of the others, which raises them as well: cause not proven")
+    } else {
+        (Some(FaultMode::DistributedWear), ", and no tooth stands out of the mesh")
+    };
+    accuse(verdict, &by, fault, features);
+    verdict.why = format!("{grown}{what}");
 }
 
 /// Healthy, or the other member could not be looked at.
@@ -177,6 +191,19 @@ fn not_up(
     acquit(verdict, local.ratio, why, features);
 }
 
+/// A shaft of the mesh's speed whose displacement is up.
+fn moved_by(
+    shaft: ShaftIndex,
+    all_signs: &[ShaftSigns],
+    context: &Context<'_>,
+) -> Option<ShaftIndex> {
+    let moves = |s: &ShaftIndex| {
+        same_speed(*s, shaft, context)
+            && all_signs[s.0].displacement.as_ref().is_some_and(Indicator::is_up)
+    };
+    (0..all_signs.len()).map(ShaftIndex).find(moves)
+}
+
 /// The id of a shaft of the mesh's speed whose own motion loads the mesh once a turn: its displacement is
 /// up, and so near the critical speed it is the run-out of its gears.
 fn shaken_by<'m>(
@@ -185,14 +212,9 @@ fn shaken_by<'m>(
     features: &WindowFeatures,
     context: &Context<'m>,
 ) -> Option<&'m str> {
-    let moves = |s: &usize| {
-        let s = ShaftIndex(*s);
-        same_speed(s, shaft, context)
-            && all_signs[s.0].displacement.as_ref().is_some_and(Indicator::is_up)
-            && is_near_critical(s, features, context)
-    };
-    let found = (0..all_signs.len()).find(moves)?;
-    Some(context.machine.shaft(ShaftIndex(found)).id.as_str())
+    let moving = moved_by(shaft, all_signs, context);
+    let found = moving.filter(|s| is_near_critical(*s, features, context))?;
+    Some(context.machine.shaft(found).id.as_str())
 }
 
 /// Member, angle and tooth, as far as the average tells.

@@ -32,17 +32,20 @@ const SAME: f64 = 0.75;
 /// average over all keeps 1/n.
 const HALF: f64 = 0.6;
 
-/// Probability that of z teeth whose energy scatters by chance one stands out so (C21): C1 of its power over the
-/// mean of the others, ν = z − 1, times z.
-pub(super) fn chance_of_one_tooth(reading: &GearReading) -> f64 {
-    let z = f64::from(reading.teeth);
-    let q = reading.localisation.peak_over_mean;
+/// Probability that of `z` teeth whose energy scatters by chance one has `q` times the mean of all (C21): C1 of its
+/// power over the mean of the others, ν = z − 1, times z.
+fn chance_of_one(q: f64, z: f64) -> f64 {
     // Mean of the others: (z − q)/(z − 1) of the mean of all.
     let others = (z - q) / (z - 1.0);
     if others <= 0.0 {
         return 0.0;
     }
     (confidence::cell_tail(q / others, z - 1.0) * z).min(1.0)
+}
+
+/// The same of a gear's average.
+pub(super) fn chance_of_one_tooth(reading: &GearReading) -> f64 {
+    chance_of_one(reading.localisation.peak_over_mean, f64::from(reading.teeth))
 }
 
 pub(super) fn is_one_tooth(reading: &GearReading) -> bool {
@@ -89,13 +92,23 @@ pub(super) fn owner(
     };
     let (fast, slow) =
         if found.revolutions >= other.revolutions { (found, other) } else { (other, found) };
-    let part = fast.local_amplitude / slow.local_amplitude;
+    match faster_has_it(fast.local_amplitude, slow.local_amplitude) {
+        Some(true) => Owner::Shaft(fast.shaft),
+        Some(false) => Owner::Shaft(slow.shaft),
+        None => Owner::Unclear,
+    }
+}
+
+/// Whether a tooth that both averages show is the faster member's (C22), by its amplitudes in the two; `None` between
+/// the limits.
+fn faster_has_it(fast: f64, slow: f64) -> Option<bool> {
+    let part = fast / slow;
     if part >= SAME {
-        Owner::Shaft(fast.shaft)
+        Some(true)
     } else if part <= HALF {
-        Owner::Shaft(slow.shaft)
+        Some(false)
     } else {
-        Owner::Unclear
+        None
     }
 }
 
@@ -104,13 +117,14 @@ pub(super) fn owner(
 pub(super) struct Growth {
     /// Largest ratio to the baseline of a mesh harmonic.
     pub(super) largest: f64,
-    /// The second smallest of the ratios of the higher harmonics if wear is proven by them.
+    /// Wear of all teeth if the higher harmonics prove it.
     pub(super) wear: Option<Wear>,
 }
 
 /// Wear of all teeth, as far as the mesh harmonics prove it.
 #[derive(Debug, Clone)]
 pub(super) struct Wear {
+    /// The least of the higher harmonics' ratios to the baseline.
     pub(super) ratio: f64,
     pub(super) probability: f64,
     pub(super) evidence: Vec<Evidence>,
@@ -219,13 +233,30 @@ mod tests {
     #[test]
     fn the_chance_of_one_tooth_is_that_of_scattering_teeth() {
         for (z, q) in [(20_u32, 6.0), (20, 7.0), (60, 8.0), (60, 9.5)] {
-            let zf = f64::from(z);
-            let others = (zf - q) / (zf - 1.0);
-            let told = confidence::cell_tail(q / others, zf - 1.0) * zf;
+            let told = chance_of_one(q, f64::from(z));
             let found = share_above(q, z);
             // Bonferroni's sum is exact where two teeth cannot both stand out; 4 σ of the count.
             let sigma = (told / 20_000.0).sqrt();
             assert!((found - told).abs() < 4.0 * sigma + 0.1 * told, "{z} {q}: {found} {told}");
         }
+    }
+    /// Amplitude that an average over many turns keeps of a place struck in every `n`-th of them.
+    fn averaged(n: u32) -> f64 {
+        let turns = 1200;
+        let strikes = (0..turns).filter(|turn| turn % n == 0).count();
+        strikes as f64 / f64::from(turns)
+    }
+
+    #[test]
+    fn of_two_members_the_one_struck_on_each_of_its_turns_has_the_tooth() {
+        // The slower wheel turns once in n turns of the faster. Its tooth strikes in one of them.
+        for n in [2, 3, 5] {
+            let (in_fast, in_slow) = (averaged(n), averaged(1));
+            assert_eq!(faster_has_it(in_fast, in_slow), Some(false), "{n}: {in_fast}");
+            // A tooth of the faster strikes on each of its turns, and so n times in one of the slower, as high.
+            assert_eq!(faster_has_it(averaged(1), averaged(1)), Some(true));
+        }
+        // Noise may move either by some part: between the two it is not said.
+        assert_eq!(faster_has_it(0.67, 1.0), None);
     }
 }

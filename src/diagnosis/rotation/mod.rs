@@ -5,7 +5,9 @@
 //! leaves the parts it would separate undetermined.
 
 mod signs;
+mod cause;
 mod shaft;
+mod run;
 mod gear;
 mod gear_signs;
 mod gear_place;
@@ -31,6 +33,12 @@ pub const DAMAGED_RATIO: f64 = 30.0;
 /// Most confidence in an unbalance: a bow is not excluded.
 const UNBALANCE_CONFIDENCE: f64 = 0.8;
 
+/// Most confidence in a rise whose cause is not proven.
+const UNNAMED_CONFIDENCE: f64 = 0.9;
+
+/// Most confidence in a cause that is proven.
+const NAMED_CONFIDENCE: f64 = 0.85;
+
 /// Judges every shaft and gear.
 #[must_use]
 pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
@@ -46,6 +54,17 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
         (0..machine.gears.len()).map(|g| gear::judge_gear(GearIndex(g), &signs, features, context)),
     );
     verdicts
+}
+
+/// Whether a probe sees that a shaft moves more than it did: its 1× displacement is up.
+#[must_use]
+pub(super) fn is_moved(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let signs = signs::signs(shaft, features, context);
+    signs.displacement.as_ref().is_some_and(Indicator::is_up)
 }
 
 /// Why neither shaft nor gear can be judged, if so; `without`: what to say when no baseline was
@@ -68,15 +87,25 @@ fn accuse(
     fault: Option<FaultMode>,
     features: &WindowFeatures,
 ) {
+    let named = match fault {
+        Some(FaultMode::Unbalance) => UNBALANCE_CONFIDENCE,
+        Some(_) => NAMED_CONFIDENCE,
+        None => UNNAMED_CONFIDENCE,
+    };
+    accuse_at(verdict, by, (fault, named), features);
+}
+
+/// Accuses with at most the confidence `named`.
+fn accuse_at(
+    verdict: &mut ComponentDiagnosis,
+    by: &Indicator,
+    (fault, named): (Option<FaultMode>, f64),
+    features: &WindowFeatures,
+) {
     let severity = severity::of_ratio(by.ratio, UP_RATIO, DAMAGED_RATIO);
     verdict.state = severity::state(severity);
     verdict.fault = fault;
     verdict.severity = Some(severity);
-    let named = match fault {
-        Some(FaultMode::Unbalance) => UNBALANCE_CONFIDENCE,
-        Some(_) => 0.85,
-        None => 0.9,
-    };
     verdict.confidence =
         Some(named * (0.5 + 0.5 * features.speed.confidence) * (1.0 - by.probability));
 }
@@ -91,3 +120,5 @@ fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod run_tests;

@@ -1,16 +1,28 @@
 //! Verdict on a shaft: by its probe where there is one, else by what the housing shows.
 
+use super::NAMED_CONFIDENCE;
+use super::UNBALANCE_CONFIDENCE;
+use super::UNNAMED_CONFIDENCE;
 use super::UP_RATIO;
 use super::accuse;
+use super::accuse_at;
 use super::acquit;
 use super::cannot_look;
+use super::cause;
+use super::cause::Cause;
+use super::run;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
 use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::Detector;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::diagnosis::verdict::Evidence;
+use crate::features::ChannelFeatures;
 use crate::features::WindowFeatures;
+use crate::features::orbit;
 use crate::features::shaft;
 use crate::machine::ShaftIndex;
 use crate::machine::sensor::SensorKind;
@@ -32,6 +44,10 @@ pub(super) fn judge_shaft(
 ) -> ComponentDiagnosis {
     let id = &context.machine.shaft(shaft).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Shaft, String::new());
+    if features.speed.is_transient() {
+        run::judge_run(&mut verdict, shaft, features, context);
+        return verdict;
+    }
     let probe = context
         .machine
         .sensors
@@ -45,36 +61,93 @@ pub(super) fn judge_shaft(
     };
     if let Some(why) = cannot_look(features, context, without) {
         verdict.why = why;
+        run::judge_by_run(&mut verdict, shaft, features, context);
         return verdict;
     }
     let indicators = [&signs.displacement, &signs.cwt, &signs.housing];
     verdict.evidence =
         indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
     match &signs.displacement {
-        Some(d) if d.is_up() => {
-            let bow = excludes_unbalance(shaft, &d.evidence.channel, features, context);
-            let alone = !is_near_critical(shaft, features, context)
-                && rises_alone(shaft, d, features, context);
-            let (fault, cause) = if bow {
-                (Some(FaultMode::Bow), "; unbalance would need more than ten times G 40")
-            } else if alone {
-                (Some(FaultMode::Unbalance), UNBALANCE)
-            } else {
-                (None, ", cause not proven")
-            };
-            accuse(&mut verdict, d, fault, features);
-            verdict.why = format!(
-                "1× displacement is {:.1} times its baseline in {}{cause}",
-                d.ratio, d.evidence.channel
-            );
-        }
+        Some(d) if d.is_up() => accuse_by_probe(&mut verdict, shaft, d, features, context),
         Some(d) => {
             let why = format!("1× displacement is {:.2} times its baseline", d.ratio);
             acquit(&mut verdict, d.ratio, why, features);
         }
+        None if run::judge_by_run(&mut verdict, shaft, features, context) => {}
         None => judge_by_housing(&mut verdict, shaft, signs, features, context),
     }
     verdict
+}
+
+/// A probe sees more 1× than the baseline: bow, unbalance or neither proven.
+fn accuse_by_probe(
+    verdict: &mut ComponentDiagnosis,
+    shaft: ShaftIndex,
+    once: &Indicator,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let speed = features.speed.first.and_then(|first| context.machine.shaft_speed(shaft, first));
+    let told = speed.map_or(Cause::Open, |speed| cause::cause(shaft, speed, features));
+    let too_much = excludes_unbalance(shaft, once, features, context);
+    let with_others = rises_with_others(shaft, once, features, context);
+    let alone =
+        !is_near_critical(shaft, features, context) && rises_alone(shaft, once, features, context);
+    let (fault, named, said) = match told {
+        Cause::Bow if !with_others => (Some(FaultMode::Bow), NAMED_CONFIDENCE, told.sentence()),
+        Cause::Unbalance if !with_others && !too_much => {
+            (Some(FaultMode::Unbalance), NAMED_CONFIDENCE, told.sentence())
+        }
+        Cause::Both | Cause::Open if too_much => {
+            let cause = "; unbalance would need more than ten times G 40";
+            (Some(FaultMode::Bow), NAMED_CONFIDENCE, cause)
+        }
+        Cause::Open if alone => (Some(FaultMode::Unbalance), UNBALANCE_CONFIDENCE, UNBALANCE),
+        Cause::Both => (None, UNNAMED_CONFIDENCE, told.sentence()),
+        Cause::Bow | Cause::Unbalance | Cause::Open => {
+            (None, UNNAMED_CONFIDENCE, ", cause not proven")
+        }
+    };
+    accuse_at(verdict, once, (fault, named), features);
+    if let Some(speed) = speed {
+        verdict.evidence.extend(cause::evidence(shaft, speed, features, context));
+        verdict.evidence.extend(orbit_evidence(shaft, speed, features, context));
+    }
+    verdict.why = format!(
+        "1× displacement is {:.1} times its baseline in {}{said}",
+        once.ratio, once.evidence.channel
+    );
+}
+
+/// What of the orbit turns with the shaft and what against it, where a pair of probes shows it.
+fn orbit_evidence(
+    shaft: ShaftIndex,
+    speed: Hz,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Vec<Evidence> {
+    let id = &context.machine.shaft(shaft).id;
+    let of_channel = |channel: &ChannelFeatures| {
+        let part = |(forward, order): (bool, u8)| {
+            let name = orbit::name(forward, order, id);
+            let found = channel.values.iter().find(|f| *f.name == name)?;
+            Some(Evidence {
+                indicator: name,
+                channel: context.channel_name(channel.channel).to_owned(),
+                detector: Some(Detector::ZeroToPeak),
+                frequency: Some(Hz(f64::from(order) * speed.0)),
+                expected: None,
+                order: Some(f64::from(order)),
+                value: found.value,
+                unit: found.unit,
+                threshold: None,
+                false_alarm_probability: None,
+                sample_range: Some(channel.sample_range),
+            })
+        };
+        [(true, 1), (false, 1), (true, 2), (false, 2)].map(part)
+    };
+    features.channels.iter().flat_map(of_channel).flatten().collect()
 }
 
 /// Judges a shaft that no probe observes: the joint table's last row.
@@ -134,15 +207,36 @@ fn rises_alone(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
+    let is_calm = |c: Comparison| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio;
+    higher(shaft, once, features, context).into_iter().all(|c| c.is_some_and(is_calm))
+}
+
+/// Whether 2× or 3× is known to have risen by more than half as much as 1×: what moves the shaft is neither bow nor unbalance
+/// alone.
+fn rises_with_others(
+    shaft: ShaftIndex,
+    once: &Indicator,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let compared = higher(shaft, once, features, context);
+    compared.into_iter().flatten().any(|c| c.ratio > ALONE * once.ratio)
+}
+
+/// 2× and 3× in the indicator's channel against the baseline.
+fn higher(
+    shaft: ShaftIndex,
+    once: &Indicator,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> [Option<Comparison>; 2] {
     let id = &context.machine.shaft(shaft).id;
     let name = &once.evidence.channel;
     let channel = features.channels.iter().find(|c| context.channel_name(c.channel) == name);
-    let Some(channel) = channel else { return false };
-    [2, 3].into_iter().all(|order| {
+    [2, 3].map(|order| {
         let line = shaft::line_name(order, id);
-        let compared =
-            channel.get(&line).and_then(|value| context.baseline.compare(name, &line, value));
-        compared.is_some_and(|c| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio)
+        let value = channel?.get(&line)?;
+        context.baseline.compare(name, &line, value)
     })
 }
 
@@ -163,7 +257,7 @@ pub(super) fn is_near_critical(
 /// times G 40 (docs/theory.md, J2).
 fn excludes_unbalance(
     shaft: ShaftIndex,
-    probe: &str,
+    once: &Indicator,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
@@ -178,10 +272,12 @@ fn excludes_unbalance(
     let amplitude_um = features
         .channels
         .iter()
-        .filter(|c| context.channel_name(c.channel) == probe)
+        .filter(|c| context.channel_name(c.channel) == once.evidence.channel)
         .filter(|c| context.channels[c.channel.0].unit == Unit::Micrometre)
         .filter_map(|c| c.get(&name))
         .fold(0.0, f64::max);
-    let eccentricity_um = amplitude_um * (1.0 - r * r) / (r * r);
+    // What was there in good health, run-out first of all, is no part of it.
+    let grown_um = amplitude_um * (1.0 - 1.0 / once.ratio);
+    let eccentricity_um = grown_um * (1.0 - r * r) / (r * r);
     eccentricity_um * 1e-3 * speed.to_rad_per_s().0 > ECCENTRICITY_SPEED_MM_PER_S
 }

@@ -127,6 +127,24 @@ pub struct BandReading {
 const FULL_MODULATION: f64 = 0.5;
 
 impl BandReading {
+    /// For tests: harmonics at `frequency` in `band`, with nothing else to explain them.
+    #[cfg(test)]
+    pub(crate) fn of_test(band: Band, frequency: Hz, harmonics: &[Harmonic]) -> Self {
+        let mut read = [None; N_HARMONICS];
+        read.iter_mut().zip(harmonics).for_each(|(slot, harmonic)| *slot = Some(*harmonic));
+        Self {
+            band,
+            frequency,
+            harmonics: read,
+            side_band: None,
+            shaft_depth: 0.0,
+            slower: None,
+            is_shaft_product: false,
+            carrier: None,
+            mean_square: 1.0,
+        }
+    }
+
     /// Whether the fundamental may be a side line of what happens once a revolution (F12): events of
     /// the shaft that passing elements modulate have lines k·f ± BPFO, one of which is BPFI, and none
     /// higher than half the shaft's harmonics beside it. A defect's own impacts stand over them.

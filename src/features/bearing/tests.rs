@@ -23,6 +23,11 @@ fn spectrum_with(rate_hz: f64, depths: &[f32], bin_hz: f64) -> Vec<f32> {
     depth
 }
 
+/// The squared envelope's spectrum of ten seconds, on a grid of 0.05 Hz.
+fn of_ten_seconds(depth: &[f32]) -> DepthSpectrum<'_> {
+    DepthSpectrum { depth, bin_hz: 0.05, duration_s: 10.0, mean_square: 1.0, tone: None }
+}
+
 fn task(known: &[KnownLine]) -> LineTask<'_> {
     LineTask {
         line: DefectLine::Bpfo,
@@ -40,13 +45,7 @@ fn task(known: &[KnownLine]) -> LineTask<'_> {
 #[test]
 fn a_slipping_line_and_its_harmonics_are_found() {
     let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
     assert!((reading.frequency.0 - 98.9).abs() < 0.05, "one bin of the grid");
     assert!(
@@ -62,13 +61,7 @@ fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
     let modulated = |line: f32| {
         let mut depth = spectrum_with(28.0, &[0.6; 8], 0.05);
         depth[1978] = line;
-        let spectrum = DepthSpectrum {
-            depth: &depth,
-            bin_hz: 0.05,
-            duration_s: 10.0,
-            mean_square: 1.0,
-            tone: None,
-        };
+        let spectrum = of_ten_seconds(&depth);
         let reading = read_line(&spectrum, BAND, &task(&[]), &mut Vec::new()).unwrap();
         // A peak of one bin among noise is no Hann lobe: its interpolated height is some per cent off.
         assert!((reading.shaft_depth / 0.6 - 1.0).abs() < 0.1, "{}", reading.shaft_depth);
@@ -79,13 +72,7 @@ fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
     let mut near = task(&[]);
     near.shaft_speed = Hz(98.7);
     let depth = spectrum_with(98.9, &[0.5, 0.3, 0.2], 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let reading = read_line(&spectrum, BAND, &near, &mut Vec::new()).unwrap();
     assert!(reading.shaft_depth < 0.4 && !reading.is_modulated_shaft());
 }
@@ -114,13 +101,7 @@ fn the_depth_of_a_line_between_bins_is_exact_to_a_third_of_a_percent() {
 fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
     // 97.0 Hz lies 3 % below the kinematic rate: beyond slip, within slip and 2 % of geometry.
     let depth = spectrum_with(97.0, &[0.5], 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let read = |band: RelativeBand| {
         read_line(&spectrum, BAND, &LineTask { band, ..task(&[]) }, &mut Vec::new()).unwrap()
     };
@@ -136,13 +117,7 @@ fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
 #[test]
 fn a_known_line_is_not_read_as_a_defect() {
     let depth = spectrum_with(100.0, &[0.5], 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let known = [KnownLine { frequency: Hz(100.0), label: "4x main".into() }];
     let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
     assert!(reading.harmonics[0].unwrap().depth < 0.05);
@@ -173,13 +148,7 @@ fn spectrum_of(lines: &[(f64, f64)], bin_hz: f64) -> Vec<f32> {
 /// What slower rate is found for a line at 98.9 Hz among others.
 fn slower(lines: &[(f64, f64)], line: DefectLine) -> Option<f64> {
     let depth = spectrum_of(lines, 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let task = LineTask { line, ..task(&[]) };
     let reading = read_line(&spectrum, BAND, &task, &mut Vec::new()).unwrap();
     assert!((reading.frequency.0 - 98.9).abs() < 0.05);
@@ -194,13 +163,7 @@ fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
         let mut depth = spectrum_with(100.0, &[0.8, 0.5], 0.05);
         depth[1500] = side;
         depth[2500] = side;
-        let spectrum = DepthSpectrum {
-            depth: &depth,
-            bin_hz: 0.05,
-            duration_s: 10.0,
-            mean_square: 1.0,
-            tone: None,
-        };
+        let spectrum = of_ten_seconds(&depth);
         let task = LineTask { is_at_rest, ..task(&[]) };
         let reading = read_line(&spectrum, BAND, &task, &mut Vec::new()).unwrap();
         assert_eq!(reading.is_explained(), reading.is_shaft_product);
@@ -232,13 +195,7 @@ fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
 fn the_skirt_of_a_covered_line_is_no_line() {
     // A shaft harmonic at 98.75 where 98.5 is expected: its skirt leaves the covered 0.2 Hz.
     let depth = spectrum_of(&[(98.62, 0.8), (100.4, 0.06)], 0.05);
-    let spectrum = DepthSpectrum {
-        depth: &depth,
-        bin_hz: 0.05,
-        duration_s: 10.0,
-        mean_square: 1.0,
-        tone: None,
-    };
+    let spectrum = of_ten_seconds(&depth);
     let known = [KnownLine { frequency: Hz(98.5), label: "4x main".into() }];
     let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
     assert!((reading.frequency.0 - 100.4).abs() < 0.05, "{}", reading.frequency.0);

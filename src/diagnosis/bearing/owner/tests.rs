@@ -29,20 +29,11 @@ fn harmonic(power_ratio: f64) -> Harmonic {
 
 /// A search that found the line of order 5 by a shaft of 30 Hz in four bands, if it is near.
 fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
-    let reading = |i: u32| BandReading {
-        band: Band {
-            low: Hz(f64::from(i) * 1e3),
-            high: Hz(f64::from(i + 1) * 1e3),
-            whitened: false,
-        },
-        frequency: Hz(150.0),
-        harmonics: [Some(harmonic(900.0)), Some(harmonic(400.0)), None, None],
-        side_band: Some(harmonic(if side { 100.0 } else { 1.0 })),
-        shaft_depth: 0.0,
-        slower: None,
-        is_shaft_product: false,
-        carrier: None,
-        mean_square: 1.0,
+    let reading = |i: u32| {
+        let low = f64::from(i) * 1e3;
+        let band = Band { low: Hz(low), high: Hz(low + 1e3), whitened: false };
+        let read = BandReading::of_test(band, Hz(150.0), &[harmonic(900.0), harmonic(400.0)]);
+        BandReading { side_band: Some(harmonic(if side { 100.0 } else { 1.0 })), ..read }
     };
     LineSearch {
         bearing: BearingIndex(place),
@@ -95,6 +86,8 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         bearing_lines: searches,
         absolute_lines: Vec::new(),
         gears: Vec::new(),
+        pieces: Vec::new(),
+        laws: Vec::new(),
     };
     let channels = [ChannelInfo {
         name: "a".into(),
@@ -110,6 +103,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         channels: &channels,
         channel_of_sensor: &[Some(ChannelIndex(0))],
         baseline: &baseline,
+        runs: &baseline,
         offered_baselines: 0,
         false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };

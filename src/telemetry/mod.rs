@@ -3,6 +3,13 @@
 //! Metrics have no global: one [`Metrics`] is made by `app` and handed on. Must not know machines,
 //! diagnoses or HTTP.
 
+mod log;
+
+pub use log::LOG_VARIABLE;
+pub use log::LogError;
+pub use log::LogFormat;
+pub use log::start_log;
+
 use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::encoding::text;
 use prometheus_client::metrics::counter::Counter;
@@ -12,51 +19,12 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 use std::fmt;
-use std::io;
 use std::sync::atomic::AtomicU64;
-use tracing_subscriber::EnvFilter;
-
-/// Environment variable that says what is logged, such as `debug` or `rotorwatch::app=trace`.
-pub const LOG_VARIABLE: &str = "ROTORWATCH_LOG";
 
 /// Upper bounds of the verdict latency's bins, s: an idle shard answers within milliseconds, one
 /// whose queue is full within seconds.
 const LATENCY_BOUNDS_S: [f64; 12] =
     [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0, 30.0];
-
-/// How log lines are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LogFormat {
-    /// For people.
-    Text,
-    /// One JSON object a line.
-    Json,
-}
-
-/// Why the log cannot be set up.
-#[derive(Debug, thiserror::Error)]
-pub enum LogError {
-    /// The filter cannot be read.
-    #[error("{LOG_VARIABLE} is no log filter, write a level (warn, info, debug) or module=level")]
-    Filter(#[source] tracing_subscriber::filter::ParseError),
-    /// A log is set up already.
-    #[error("the log was set up twice")]
-    Twice(#[source] Box<dyn std::error::Error + Send + Sync>),
-}
-
-/// Starts the log on stderr with the filter `filter` (`None`: `info`).
-///
-/// # Errors
-/// When the filter cannot be read, or there is a log already.
-pub fn start_log(format: LogFormat, filter: Option<&str>) -> Result<(), LogError> {
-    let filter = EnvFilter::builder().parse(filter.unwrap_or("info")).map_err(LogError::Filter)?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
-    let started = match format {
-        LogFormat::Text => log.with_ansi(false).try_init(),
-        LogFormat::Json => log.json().try_init(),
-    };
-    started.map_err(LogError::Twice)
-}
 
 /// Labels of what is counted for a channel.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]

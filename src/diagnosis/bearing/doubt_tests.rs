@@ -1,0 +1,226 @@
+//! Lines that are proven and accuse nobody, each held against the same line that does.
+
+use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::Usual;
+use crate::diagnosis::bearing::judge;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::ChannelFeatures;
+use crate::features::Feature;
+use crate::features::WindowFeatures;
+use crate::features::absolute;
+use crate::features::absolute::AbsoluteLine;
+use crate::features::bands::Band;
+use crate::features::bearing::BandReading;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::Harmonic;
+use crate::features::bearing::LineSearch;
+use crate::features::shaft;
+use crate::features::shaft::OverFloor;
+use crate::features::speed::Speed;
+use crate::machine::BearingIndex;
+use crate::machine::ShaftIndex;
+use crate::machine::file;
+use crate::machine::uncertainty::RelativeBand;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+    [[bearing]]\nid='a'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
+    [[bearing]]\nid='b'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
+    [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={bearing='a'}\n\
+    [[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={bearing='b'}\n\
+    [[sensor]]\nchannel='p'\nkind='proximitor'\nunit='um'\nat={shaft='s'}\n";
+
+fn harmonic(depth: f64) -> Harmonic {
+    Harmonic { power_ratio: 900.0, depth, floor_dof: 100.0, n_cells: 40.0 }
+}
+
+/// A line at 150 Hz in four equal bands, each with two harmonics of this depth, heard at the bearing's own sensor.
+fn search(bearing: usize, line: DefectLine, depth: f64) -> LineSearch {
+    let reading = |i: u32| {
+        let low = f64::from(i) * 1e3;
+        let band = Band { low: Hz(low), high: Hz(low + 1e3), whitened: false };
+        BandReading::of_test(band, Hz(150.0), &[harmonic(depth); 2])
+    };
+    LineSearch {
+        bearing: BearingIndex(bearing),
+        channel: ChannelIndex(bearing),
+        line,
+        expected: Hz(150.0),
+        band: RelativeBand::default(),
+        shaft_speed: Hz(30.0),
+        side_band_spacing: Hz(30.0),
+        resolution: Hz(0.2),
+        sample_range: (0, 1),
+        outcome: Ok((0..4).map(reading).collect()),
+    }
+}
+
+/// A search out of reach of the others, with nothing in it.
+fn silent(bearing: usize, line: DefectLine) -> LineSearch {
+    let expected = Hz(270.0);
+    LineSearch { expected, outcome: Ok(Vec::new()), ..search(bearing, line, 0.0) }
+}
+
+fn changed(mut search: LineSearch, change: impl Fn(&mut BandReading)) -> LineSearch {
+    search.outcome.iter_mut().flatten().for_each(change);
+    search
+}
+
+/// A line of the absolute vibration of this amplitude.
+fn absolute_line(bearing: usize, line: DefectLine, amplitude: f64) -> AbsoluteLine {
+    let band = Band { low: Hz(0.0), high: Hz(500.0), whitened: false };
+    AbsoluteLine {
+        bearing: BearingIndex(bearing),
+        pair: (ChannelIndex(0), ChannelIndex(1)),
+        line,
+        expected: Hz(150.0),
+        amplitude,
+        floor: 0.01,
+        reading: BandReading::of_test(band, Hz(150.0 + amplitude), &[harmonic(0.3)]),
+        sample_range: (0, 1),
+    }
+}
+
+/// Verdicts on bearings a and b by these lines; every line of the absolute vibration had the amplitude 1 when healthy.
+fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<ComponentDiagnosis> {
+    judged_on(1.0, lines, absolute_lines)
+}
+
+/// The same on a shaft that moves this many times as far as when healthy.
+fn judged_on(
+    moved: f64,
+    lines: Vec<LineSearch>,
+    absolute_lines: Vec<AbsoluteLine>,
+) -> Vec<ComponentDiagnosis> {
+    let machine = file::parse(MACHINE, "m.toml").unwrap();
+    let mut bearing_lines = lines;
+    for bearing in 0..2 {
+        for line in [DefectLine::Bpfi, DefectLine::Bpfo] {
+            if !bearing_lines.iter().any(|s| (s.bearing.0, s.line) == (bearing, line)) {
+                bearing_lines.push(silent(bearing, line));
+            }
+        }
+    }
+    let healthy = absolute_lines.iter().map(|line| {
+        let id = &machine.bearing(line.bearing).id;
+        (("a".to_owned(), absolute::line_name(line.line, id)), Usual::of_value(1.0))
+    });
+    let once = shaft::line_name(1, "s");
+    let usual: BTreeMap<_, _> =
+        healthy.chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))]).collect();
+    let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
+    let record = Record { name: "healthy".to_owned(), usual, n_windows: 1, ..Record::default() };
+    let baseline = Baseline { records: vec![record], provisional: false };
+    let features = WindowFeatures {
+        time_s: (0.0, 10.0),
+        speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() },
+        sensors: Vec::new(),
+        channels: vec![ChannelFeatures {
+            channel: ChannelIndex(2),
+            sample_range: (0, 1),
+            values: vec![displacement],
+        }],
+        shaft_lines: vec![OverFloor {
+            shaft: ShaftIndex(0),
+            channel: ChannelIndex(2),
+            power_ratio: 900.0,
+            floor_dof: 100.0,
+        }],
+        bearing_lines,
+        absolute_lines,
+        gears: Vec::new(),
+        load: None,
+        pieces: Vec::new(),
+        laws: Vec::new(),
+    };
+    let channels = ["a", "b", "p"].map(|name| ChannelInfo {
+        name: name.into(),
+        sample_rate: Hz(1e4),
+        unit: Unit::MetrePerSecondSquared,
+        full_scale: None,
+        offset: 0.0,
+        unit_conflict: None,
+    });
+    let context = Context {
+        machine: &machine,
+        channels: &channels,
+        channel_of_sensor: &[0, 1, 2].map(|channel| Some(ChannelIndex(channel))),
+        baseline: &baseline,
+        runs: &Baseline::default(),
+        offered_baselines: 1,
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
+    };
+    judge(&features, &context)
+}
+
+#[test]
+fn a_line_heard_best_where_the_shaft_explains_it_is_nobodys_and_leaves_its_bearing_open() {
+    let own = || search(0, DefectLine::Bpfi, 0.6);
+    let alone = judged(vec![own()], Vec::new());
+    assert_eq!(alone[0].fault, Some(FaultMode::InnerRace), "{}", alone[0].why);
+    // At b it carries ten times the power, between harmonics of the shaft that are as deep: passing balls modulate
+    // the shaft's events.
+    let louder = |shaft_depth: f64| {
+        changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
+            reading.mean_square = 10.0;
+            reading.shaft_depth = shaft_depth;
+        })
+    };
+    let beside = judged(vec![own(), louder(1.5)], Vec::new());
+    assert_eq!(beside[0].state, State::Undetermined, "{}", beside[0].why);
+    assert!(!beside[1].state.is_accusation(), "{}", beside[1].why);
+    assert!(beside[0].why.contains("neither accused nor acquitted"), "{}", beside[0].why);
+    // Without the shaft's events it is b's.
+    let owned = judged(vec![own(), louder(0.0)], Vec::new());
+    assert_eq!(owned[1].fault, Some(FaultMode::InnerRace), "{}", owned[1].why);
+    assert!(!owned[0].state.is_accusation(), "{}", owned[0].why);
+}
+
+#[test]
+fn a_cage_is_accused_from_full_modulation_on() {
+    // Two harmonics: D = √2 of the depth of each, 0.85 and 1.13.
+    let of = |depth: f64| judged(vec![search(0, DefectLine::Ftf, depth)], Vec::new()).remove(0);
+    let (carried, damaged) = (of(0.6), of(0.8));
+    assert_eq!(carried.state, State::Undetermined, "{}", carried.why);
+    assert!(carried.why.contains("unequal elements"), "{}", carried.why);
+    assert_eq!(damaged.fault, Some(FaultMode::Cage), "{}", damaged.why);
+}
+
+#[test]
+fn a_line_that_grew_accuses_unless_a_stronger_one_grew_as_well() {
+    let weak = || absolute_line(0, DefectLine::Bpfi, 6.0);
+    let alone = judged(Vec::new(), vec![weak()]);
+    assert_eq!(alone[0].fault, Some(FaultMode::InnerRace), "{}", alone[0].why);
+    let both = judged(Vec::new(), vec![weak(), absolute_line(1, DefectLine::Bpfo, 9.0)]);
+    assert_eq!(both[0].state, State::Undetermined, "{}", both[0].why);
+    assert!(both[0].why.contains("BPFO at b has grown too"), "{}", both[0].why);
+    assert_eq!(both[1].fault, Some(FaultMode::OuterRace), "{}", both[1].why);
+    // A stronger line that was there before explains nothing.
+    let old = AbsoluteLine { amplitude: 4.0, ..absolute_line(1, DefectLine::Bpfo, 9.0) };
+    let beside_old = judged(Vec::new(), vec![absolute_line(0, DefectLine::Bpfi, 6.0), old]);
+    assert_eq!(beside_old[0].fault, Some(FaultMode::InnerRace), "{}", beside_old[0].why);
+}
+
+#[test]
+fn a_line_of_the_turning_race_that_grew_under_a_moving_shaft_accuses_nobody() {
+    let grown = |line: DefectLine, moved: f64| {
+        judged_on(moved, Vec::new(), vec![absolute_line(0, line, 6.0)]).remove(0)
+    };
+    let steady = grown(DefectLine::Bpfi, 2.0);
+    assert_eq!(steady.fault, Some(FaultMode::InnerRace), "{}", steady.why);
+    let moving = grown(DefectLine::Bpfi, 20.0);
+    assert_eq!(moving.state, State::Undetermined, "{}", moving.why);
+    assert!(moving.why.contains("loads the race at one place"), "{}", moving.why);
+    // The race at rest feels no load that stands.
+    let at_rest = grown(DefectLine::Bpfo, 20.0);
+    assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
+}

@@ -1,0 +1,257 @@
+//! The vector of 1× at every speed that a run passes: what bow and unbalance are told apart by.
+//!
+//! A window is cut into pieces of a few revolutions; each gives the vector of 1× behind the tacho's mark at its own speed.
+//! Pieces of the windows of one run are kept, few of each speed, so that at its working speed a machine still knows how it
+//! ran up. From them the parts of bow and unbalance follow (D78). Must not know which part is too large.
+
+use super::ChannelFeatures;
+use super::Feature;
+use super::WindowFeatures;
+use super::limit;
+use super::speed::Speed;
+use super::trace::Trace;
+use crate::dsp::order::PhaseTrack;
+use crate::dsp::real::ceil_index;
+use crate::dsp::real::floor_index;
+use crate::dsp::speed_law;
+pub use crate::dsp::speed_law::Fit;
+pub use crate::dsp::speed_law::IMPLAUSIBLE;
+pub use crate::dsp::speed_law::Part;
+pub use crate::dsp::speed_law::SpeedLaw;
+pub use crate::dsp::speed_law::VectorAt;
+pub use crate::dsp::speed_law::speed_law;
+use crate::machine::Machine;
+use crate::machine::ShaftIndex;
+use crate::machine::sensor::SensorKind;
+use crate::signal::ChannelIndex;
+use crate::units::Hz;
+use crate::units::Unit;
+use rustfft::num_complex::Complex;
+use std::sync::Arc;
+
+/// Revolutions of a piece: what is not at 1× stands four cells of Hann away at twice, half or no speed.
+const REVOLUTIONS: f64 = 8.0;
+
+/// Pieces of a window at most; where the speed is steady, four, longer if the window allows.
+const MOST_PIECES: f64 = 64.0;
+const STEADY_PIECES: f64 = 4.0;
+const LONGEST_REVOLUTIONS: f64 = 40.0;
+
+/// A speed that changes by less within a window counts as steady.
+const STEADY: f64 = 0.02;
+
+/// Variance of the place of a sample in its piece under a Hann window, piece = 1: 1/12 − 1/(2π²).
+const HANN_VARIANCE: f64 = 0.032_672_741_3;
+
+/// Speeds nearer than this, relative, are one; of each so many pieces are kept, the newest.
+const SPEED_STEP: f64 = 0.03;
+const KEPT_OF_A_SPEED: usize = 4;
+
+/// Pieces older than this say nothing of now, s.
+const LONGEST_S: f64 = 3600.0;
+
+/// Standard deviations that the amplitudes for the baseline are widened by.
+const WIDENED: f64 = 2.0;
+
+const BOW: &str = "slow_roll_1x_";
+const UNBALANCE: &str = "unbalance_1x_";
+
+/// Whether a feature is one of a run, which does not depend on the speed of a window.
+#[must_use]
+pub fn is_of_run(name: &str) -> bool {
+    name.starts_with(BOW) || name.starts_with(UNBALANCE)
+}
+
+/// Leaves of the features of a window those of its run.
+#[must_use]
+pub fn of_run(mut channels: Vec<ChannelFeatures>) -> Vec<ChannelFeatures> {
+    for channel in &mut channels {
+        channel.values.retain(|feature| is_of_run(&feature.name));
+    }
+    channels
+}
+
+/// Name of the feature "1× vector of `shaft` at standstill, at most".
+#[must_use]
+pub fn bow_name(shaft: &str) -> String {
+    format!("{BOW}{shaft}")
+}
+
+/// Name of the feature "part of the 1× vector of `shaft` that rises with the square of its speed, at 10 Hz, at most".
+#[must_use]
+pub fn unbalance_name(shaft: &str) -> String {
+    format!("{UNBALANCE}{shaft}")
+}
+
+/// By how much an unbalance's part has risen at a speed over that of [`unbalance_name`], without resonance.
+#[must_use]
+pub fn rise(speed: Hz) -> f64 {
+    (speed.0 / speed_law::REFERENCE_HZ).powi(2)
+}
+
+/// The vector of 1× of the first shaft over a few revolutions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Channel of the probe.
+    pub channel: ChannelIndex,
+    /// Begin and end, s of stream time.
+    pub time_s: (f64, f64),
+    /// The vector.
+    pub at: VectorAt,
+}
+
+/// The parts of bow and unbalance in what a probe saw of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShaftLaw {
+    /// The shaft it looks at.
+    pub shaft: ShaftIndex,
+    /// Channel of the probe.
+    pub channel: ChannelIndex,
+    /// The parts.
+    pub law: SpeedLaw,
+}
+
+/// Reads the pieces of a probe's window (F18); none of other sensors, nor without a mark on the first shaft.
+pub(super) fn pieces(
+    machine: &Machine,
+    trace: &Trace<'_>,
+    (rate, unit): (Hz, Unit),
+    speed: &Speed,
+) -> Vec<Piece> {
+    let sensor = &machine.sensors[trace.sensor];
+    let is_probe = sensor.kind == SensorKind::Proximitor && unit == Unit::Micrometre;
+    let marked = speed.phase.as_ref().filter(|phase| phase.is_marked && is_probe);
+    let Some(track) = marked.and_then(|phase| smooth(&phase.track)) else { return Vec::new() };
+    let start_s = marked.map_or(0.0, |phase| trace.start_s() - phase.start_s);
+    let samples = trace.all.samples;
+    let duration_s = samples.len() as f64 / rate.0;
+    let Some((from, to)) = track.covered_revolutions(start_s, start_s + duration_s) else {
+        return Vec::new();
+    };
+    let turned = to - from;
+    let (most, longest) = if speed.excursion < STEADY {
+        (STEADY_PIECES, LONGEST_REVOLUTIONS)
+    } else {
+        (MOST_PIECES, turned)
+    };
+    let revolutions = (turned / most).clamp(REVOLUTIONS, longest.max(REVOLUTIONS));
+    let n = floor_index((turned / revolutions).min(most));
+    let piece = |i: usize| {
+        let begin = from + i as f64 * revolutions;
+        let (a, b) = (track.time_at(begin)?, track.time_at(begin + revolutions)?);
+        let first = ceil_index(((a - start_s) * rate.0).max(0.0));
+        let end = floor_index(((b - start_s) * rate.0).max(0.0)).min(samples.len());
+        let inside = samples.get(first..end)?;
+        let turns = |k: usize| track.revolutions_at(start_s + (first + k) as f64 / rate.0);
+        let (cos, sin) = limit::once_a_revolution(inside, turns)?;
+        let half = 0.5 * (b - a) / revolutions;
+        let ends = (track.speed_at(a + half)?, track.speed_at(b - half)?);
+        let mean_hz = revolutions / (b - a);
+        let square = mean_hz * mean_hz + HANN_VARIANCE * (ends.1 - ends.0).powi(2);
+        let at = VectorAt {
+            speed_hz: square.sqrt(),
+            vector: Complex::new(cos, sin),
+            weight: inside.len() as f64,
+        };
+        let since = trace.start_s() - start_s;
+        Some(Piece { channel: trace.channel, time_s: (since + a, since + b), at })
+    };
+    (0..n).filter_map(piece).collect()
+}
+
+/// The angle between the marks as smooth as a run-up turns, whole revolutions at the marks.
+fn smooth(track: &PhaseTrack) -> Option<PhaseTrack> {
+    let mut marks = (Vec::new(), Vec::new());
+    let mut revolution = 0.0;
+    while let Some(time_s) = track.time_at(revolution) {
+        marks.0.push(time_s);
+        marks.1.push(revolution);
+        revolution += 1.0;
+    }
+    PhaseTrack::from_knots(&marks.0, &marks.1)
+}
+
+/// The pieces of one run, from its begin to now.
+#[derive(Debug, Default)]
+pub struct RunUp {
+    pieces: Vec<Piece>,
+    /// End of the newest piece of each channel, s.
+    reached_s: Vec<(ChannelIndex, f64)>,
+}
+
+impl RunUp {
+    /// Begins anew.
+    pub fn clear(&mut self) {
+        self.pieces.clear();
+        self.reached_s.clear();
+    }
+
+    /// Takes the pieces of a window in (a machine at rest begins anew), tells the window what all of them say, and adds that to its features.
+    pub fn follow(&mut self, machine: &Machine, features: &mut WindowFeatures) {
+        if features.speed.first.is_none_or(|first| first.0 <= 0.0) {
+            self.clear();
+        }
+        for piece in std::mem::take(&mut features.pieces) {
+            self.take(piece);
+        }
+        self.pieces.retain(|p| p.time_s.1 >= features.time_s.1 - LONGEST_S);
+        for (channel, _) in &self.reached_s {
+            let Some(values) = features.channels.iter_mut().find(|c| c.channel == *channel) else {
+                continue;
+            };
+            let of_channel = self.pieces.iter().filter(|p| p.channel == *channel);
+            let vectors: Vec<VectorAt> = of_channel.map(|p| p.at).collect();
+            // What a probe without a place sees is the first shaft's.
+            let sensor = features.sensors.iter().find(|reading| reading.channel == *channel);
+            let place =
+                sensor.and_then(|reading| machine.shaft_at(&machine.sensors[reading.sensor]));
+            let shaft = place.unwrap_or(ShaftIndex(0));
+            let described = machine.shaft(shaft);
+            if described.ratio_to_first.is_none_or(|ratio| (ratio - 1.0).abs() > 1e-9) {
+                continue;
+            }
+            let critical = described.first_critical.map(|hz| hz.0);
+            if let Some(law) = speed_law(&vectors, critical) {
+                values.values.extend(for_baseline(&law, &described.id));
+                features.laws.push(ShaftLaw { shaft, channel: *channel, law });
+            }
+        }
+    }
+
+    /// Keeps a piece if it begins where nothing was read yet; the oldest of too many of one speed gives way.
+    fn take(&mut self, piece: Piece) {
+        let known = self.reached_s.iter_mut().find(|(channel, _)| *channel == piece.channel);
+        match known {
+            // Pieces of two windows share no sample: they are independent.
+            Some((_, reached_s)) if piece.time_s.0 < *reached_s => return,
+            Some((_, reached_s)) => *reached_s = piece.time_s.1,
+            None => self.reached_s.push((piece.channel, piece.time_s.1)),
+        }
+        let step = |p: &Piece| (p.at.speed_hz.ln() / SPEED_STEP).round();
+        let is_alike =
+            |p: &Piece| p.channel == piece.channel && (step(p) - step(&piece)).abs() < 0.5;
+        if self.pieces.iter().filter(|p| is_alike(p)).count() >= KEPT_OF_A_SPEED
+            && let Some(oldest) = self.pieces.iter().position(is_alike)
+        {
+            self.pieces.remove(oldest);
+        }
+        self.pieces.push(piece);
+    }
+}
+
+/// The largest that every plausible fit allows, two standard deviations on top: a baseline must not be smaller than it is.
+fn for_baseline(law: &SpeedLaw, shaft: &str) -> [Feature; 2] {
+    let most = |of: fn(&Fit) -> Part| {
+        let amplitudes = law.fits.iter().map(of).map(|p| p.vector.norm() + WIDENED * p.sigma);
+        amplitudes.fold(0.0, f64::max)
+    };
+    let feature =
+        |name: String, value| Feature { name: Arc::from(name), value, unit: Unit::Micrometre };
+    [
+        feature(bow_name(shaft), most(|fit| fit.bow)),
+        feature(unbalance_name(shaft), most(|fit| fit.unbalance)),
+    ]
+}
+
+#[cfg(test)]
+mod tests;

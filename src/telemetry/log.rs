@@ -1,0 +1,41 @@
+//! The log of the process: lines for people or machines on stderr. Must not know what is logged.
+
+use std::io;
+use tracing_subscriber::EnvFilter;
+
+/// Environment variable that says what is logged, such as `debug` or `rotorwatch::app=trace`.
+pub const LOG_VARIABLE: &str = "ROTORWATCH_LOG";
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Why the log cannot be set up.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// The filter cannot be read.
+    #[error("{LOG_VARIABLE} is no log filter, write a level (warn, info, debug) or module=level")]
+    Filter(#[source] tracing_subscriber::filter::ParseError),
+    /// A log is set up already.
+    #[error("the log was set up twice")]
+    Twice(#[source] Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// Starts the log on stderr with the filter `filter` (`None`: `info`).
+///
+/// # Errors
+/// When the filter cannot be read, or there is a log already.
+pub fn start_log(format: LogFormat, filter: Option<&str>) -> Result<(), LogError> {
+    let filter = EnvFilter::builder().parse(filter.unwrap_or("info")).map_err(LogError::Filter)?;
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
+    let started = match format {
+        LogFormat::Text => log.with_ansi(false).try_init(),
+        LogFormat::Json => log.json().try_init(),
+    };
+    started.map_err(LogError::Twice)
+}
