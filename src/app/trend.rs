@@ -51,7 +51,7 @@ impl TrendStore {
     /// The features of the window that ended at `time_s`; `None`: it is not held.
     pub(super) fn at(&self, time_s: f64) -> Option<Vec<Feature>> {
         let place = self.time_s.partition_point(|held| *held < time_s);
-        self.time_s.get(place).filter(|held| held.total_cmp(&&time_s).is_eq())?;
+        self.time_s.get(place).filter(|held| held.total_cmp(&time_s).is_eq())?;
         let columns = self.columns.iter().map(|column| (column, column.values.get(place)));
         let known =
             columns.filter_map(|(c, value)| Some((c, *value?))).filter(|(_, v)| !v.is_nan());

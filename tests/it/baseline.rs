@@ -23,13 +23,13 @@ fn noise(level: f64, n: u32) -> Vec<f64> {
     (0..n).map(next).collect()
 }
 
-/// A folder whose daemon plays a noisy capture over and over; beside it the same at a tenth of the level.
+/// A folder whose daemon plays a noisy capture over and over; beside it the same at a twentieth of the level.
 fn folder() -> TempDir {
     let config = "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n[[source]]\n\
                   kind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\nspeed = 100\nloop = true\n";
     let dir = support::folder(config, &[("rig.toml", support::MACHINE.as_bytes())]);
     support::write_samples(&dir, "x.h5", 1000.0, &noise(1.0, 30_000));
-    support::write_samples(&dir, "quiet.h5", 1000.0, &noise(0.1, 30_000));
+    support::write_samples(&dir, "quiet.h5", 1000.0, &noise(0.05, 30_000));
     dir
 }
 
@@ -80,7 +80,7 @@ fn a_baseline_of_the_running_machine_is_named_used_and_survives_a_kill() {
     assert_eq!((&list["items"][0]["id"], &list["items"][0]["active"]), (&json!(id), &json!(true)));
     verdict(&daemon, "a verdict against it after the kill", |d| uses(d, &id));
 
-    // The command line writes beside the daemon: a tenth of the level makes today's damaged.
+    // The command line writes beside the daemon: a twentieth of the level makes today's damaged.
     let dir = daemon.dir.path();
     let by = ["--config", "serve.toml", "--author", "A. Berg"];
     let ended = baseline(dir, &[&["learn"], &by[..], &["quiet.h5"]].concat());
