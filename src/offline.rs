@@ -9,6 +9,7 @@ use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
@@ -77,6 +78,8 @@ pub struct Reference {
     pub hints: Hints,
     /// Healthy records.
     pub baseline: Baseline,
+    /// Probability of a false accusation a component and record that is allowed.
+    pub false_alarms: FalseAlarms,
 }
 
 /// A contiguous run of samples of one channel.
@@ -114,7 +117,8 @@ pub fn diagnose(
     let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
     let diagnosis = run.monitor.conclude(&judged);
     let diagnosis = diagnosis.ok_or_else(|| OfflineError::Empty { file: file.to_owned() })?;
-    Ok(Diagnosis { notes: run.notes, ..diagnosis })
+    let notes = run.notes.into_iter().chain(diagnosis.notes).collect();
+    Ok(Diagnosis { notes, ..diagnosis })
 }
 
 /// Measures a healthy capture for a baseline.
@@ -306,6 +310,7 @@ fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference)
             .filter(|_| none_given)
             .and_then(|n| u32::try_from(n.div_ceil(10)).ok()),
         load: info.load,
+        false_alarms: reference.false_alarms,
         alarms: crate::pipeline::Settings::default().alarms,
     }
 }

@@ -199,6 +199,7 @@ impl Bench {
             baseline,
             runs: baseline,
             offered_baselines: 1,
+            false_alarm_probability: rotorwatch::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         };
         let verdicts = diagnosis::assess(features, &context);
         let accused = verdicts.iter().filter(|c| c.state.is_accusation());

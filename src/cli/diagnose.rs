@@ -16,6 +16,7 @@ use crate::capture::map::MapError;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::offline;
 use crate::offline::OfflineError;
@@ -69,6 +70,10 @@ pub struct Arguments {
     /// What the files do not say.
     #[command(flatten)]
     pub hints: HintArguments,
+    /// Probability of a false accusation of a healthy part in a record, 1e-12 to 1e-3; below 1e-4 it rests on the
+    /// assumed form of the noise.
+    #[arg(long, value_name = "P", value_parser = probability, default_value = "1e-3")]
+    pub false_alarm_probability: f64,
     /// Text for people, one JSON document a line for each capture, or a page with pictures of one capture.
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
@@ -153,6 +158,14 @@ impl Tally {
     }
 }
 
+/// Reads a probability of false alarms.
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if (1e-12..=1e-3).contains(&number) => Ok(number),
+        Ok(_) | Err(_) => Err("not a number from 1e-12 to 1e-3".to_owned()),
+    }
+}
+
 /// Diagnoses every capture; what fails is told on stderr and does not hold up the others.
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
@@ -178,6 +191,10 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         speed: arguments.speed.map(Hz),
         hints: arguments.hints.hints()?,
         baseline: Baseline::default(),
+        false_alarms: FalseAlarms {
+            per_decision: arguments.false_alarm_probability,
+            ..FalseAlarms::default()
+        },
     };
     reference.baseline = learn(&arguments.baseline, &reference, &progress)?;
     let mut output = Output::open(arguments.out.as_deref())?;

@@ -12,7 +12,8 @@ use std::path::Path;
 use std::path::PathBuf;
 
 /// Tables that only a configuration of the daemon has.
-const CONFIGURATION_TABLES: [&str; 5] = ["server", "store", "pipeline", "alarms", "source"];
+const CONFIGURATION_TABLES: [&str; 6] =
+    ["server", "store", "pipeline", "diagnosis", "alarms", "source"];
 
 /// What a file is.
 #[derive(Debug, Clone, PartialEq)]

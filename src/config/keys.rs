@@ -30,7 +30,7 @@ pub struct Key {
 }
 
 /// Sections that stand once.
-pub const SECTIONS: &[&str] = &["server", "store", "recording", "pipeline", "alarms"];
+pub const SECTIONS: &[&str] = &["server", "store", "recording", "pipeline", "diagnosis", "alarms"];
 
 /// Sections that may be repeated, as `[[machine]]`.
 pub const LISTS: &[&str] = &["machine", "source"];
@@ -53,6 +53,7 @@ pub const KEYS: &[Key] = &[
     key("pipeline", "memory_limit_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
     key("pipeline", "window_seconds", Kind::Number(1.0, 600.0)),
     key("pipeline", "hop_seconds", Kind::Number(0.5, 600.0)),
+    key("diagnosis", "false_alarms_per_component_year", Kind::Number(1e-6, 1e6)),
     key("alarms", "on_delay_s", Kind::Number(0.0, 86_400.0)),
     key("alarms", "off_delay_s", Kind::Number(0.0, 86_400.0)),
     key("alarms", "history_len", Kind::Whole(1, 100_000)),

@@ -10,6 +10,8 @@ mod raw;
 mod resolve;
 
 use crate::capture::recording::machine as recording;
+use crate::diagnosis::rate;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::ingest::replay;
 use crate::ingest::simulated;
 use crate::machine::Machine;
@@ -87,10 +89,17 @@ impl Default for Config {
             recording: None,
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
-            monitor: pipeline::Settings::default(),
+            monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
             machines: Vec::new(),
         }
     }
+}
+
+/// Settings of which the false alarms a component and year are so many.
+fn held_to(settings: pipeline::Settings, a_year: f64) -> pipeline::Settings {
+    let windows = (settings.window_s, settings.hop_s);
+    let false_alarms = FalseAlarms::a_year(a_year, windows, settings.alarms.on_delay_s);
+    pipeline::Settings { false_alarms, ..settings }
 }
 
 /// One mistake in the configuration.

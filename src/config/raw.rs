@@ -12,6 +12,7 @@ pub(super) struct Raw {
     pub(super) store: Store,
     pub(super) recording: Recording,
     pub(super) pipeline: Pipeline,
+    pub(super) diagnosis: Diagnosis,
     pub(super) alarms: Alarms,
     pub(super) machine: Vec<Machine>,
     pub(super) source: Vec<Source>,
@@ -52,6 +53,13 @@ pub(super) struct Pipeline {
     pub(super) memory_limit_bytes: Option<u64>,
     pub(super) window_seconds: Option<f64>,
     pub(super) hop_seconds: Option<f64>,
+}
+
+/// `[diagnosis]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Diagnosis {
+    pub(super) false_alarms_per_component_year: Option<f64>,
 }
 
 /// `[alarms]`

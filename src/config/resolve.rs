@@ -13,6 +13,7 @@ use crate::alarms;
 use crate::capture::hints::Hints;
 use crate::capture::map::ChannelMap;
 use crate::capture::recording::machine as recording;
+use crate::diagnosis::rate;
 use crate::ingest::replay;
 use crate::ingest::simulated;
 use crate::machine::Machine;
@@ -59,7 +60,10 @@ pub(super) fn config(
         recording: resolver.recording(&raw.recording, n_machines, max_bytes),
         workers: raw.pipeline.workers.unwrap_or(default.workers),
         memory_limit_bytes: raw.pipeline.memory_limit_bytes.unwrap_or(default.memory_limit_bytes),
-        monitor: resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
+        monitor: super::held_to(
+            resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
+            raw.diagnosis.false_alarms_per_component_year.unwrap_or(rate::A_COMPONENT_YEAR),
+        ),
         machines: resolver.machines(raw.machine, raw.source),
     }
 }

@@ -7,7 +7,9 @@
 use crate::features::bearing::BandReading;
 use crate::features::bearing::Harmonic;
 
-/// Declared probability of a false warning or damaged verdict a component and record.
+/// Declared probability of a false warning or damaged verdict a component and record, and the probability from
+/// which a line or side band counts as there, whatever a decision is held to
+/// ([`super::Context::false_alarm_probability`]).
 pub const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 
 /// No smaller probability is ever reported.

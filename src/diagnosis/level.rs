@@ -146,7 +146,7 @@ fn against_baseline(
     let probability = (confidence::normal_tail(ratio.ln() / sigma) * looks).min(1.0);
     Some(Finding {
         severity: severity::of_ratio(ratio, WARNING_RATIO, DAMAGED_RATIO),
-        proven: probability <= confidence::FALSE_ALARM_PROBABILITY,
+        proven: probability <= context.false_alarm_probability,
         probability: Some(probability),
         text: format!("RMS of {name} is {ratio:.2} times its baseline"),
         evidence: Evidence {

@@ -7,6 +7,7 @@
 pub mod fault;
 pub mod verdict;
 pub mod confidence;
+pub mod rate;
 pub mod severity;
 pub mod baseline;
 pub mod drift;
@@ -38,6 +39,8 @@ pub struct Context<'a> {
     pub runs: &'a Baseline,
     /// Healthy records offered, whatever their speed.
     pub offered_baselines: usize,
+    /// Probability with which a component may be accused falsely in this decision.
+    pub false_alarm_probability: f64,
 }
 
 impl Context<'_> {

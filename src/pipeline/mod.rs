@@ -16,6 +16,7 @@ use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::drift;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
@@ -55,6 +56,8 @@ pub struct Settings {
     pub alarms: crate::alarms::Settings,
     /// Load that the data state, in the unit of the load sensor; one that a sensor measures goes before.
     pub load: Option<f64>,
+    /// How many false alarms are allowed.
+    pub false_alarms: FalseAlarms,
 }
 
 impl Default for Settings {
@@ -67,6 +70,7 @@ impl Default for Settings {
             provisional_segments: None,
             alarms: crate::alarms::Settings::default(),
             load: None,
+            false_alarms: FalseAlarms::default(),
         }
     }
 }
@@ -312,6 +316,7 @@ impl Monitor {
             baseline: &baseline,
             runs: &runs,
             offered_baselines: uses.len(),
+            false_alarm_probability: self.settings.false_alarms.per_decision,
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
         let is_fit = judged.unfit_for_baseline().is_none();
@@ -426,6 +431,7 @@ impl Monitor {
     /// Adds counts, unit conflicts and absent channels.
     fn add_stream_facts(&self, diagnosis: &mut Diagnosis) {
         self.count(diagnosis);
+        diagnosis.notes.extend(self.settings.false_alarms.note());
         let sensors = self.machine.sensors.iter().zip(self.extractor.channel_of_sensor());
         for (sensor, channel) in sensors {
             match channel {

@@ -10,6 +10,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::rate::FalseAlarms;
 use crate::dsp::real::Real;
 use crate::machine::file;
 use crate::signal::Block;
@@ -101,6 +102,30 @@ fn an_inner_race_defect_is_found_and_raises_an_alarm() {
     assert_eq!(bearing.fault, Some(FaultMode::InnerRace));
     assert_eq!(outcomes[0].alarm_events.len(), 1);
     assert_eq!(outcomes[1].diagnosis.samples_used, 50_000);
+}
+
+#[test]
+fn what_is_less_sure_than_asked_is_neither_accused_nor_acquitted() {
+    let x = signal(30_000);
+    let judged = |per_decision: f64| {
+        let false_alarms = FalseAlarms { per_decision, a_year: Some(0.1) };
+        let settings = Settings { false_alarms, ..Settings::default() };
+        let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
+        let hints = SpeedHints::default();
+        let mut monitor = Monitor::new(machine, vec![channel("acc")], hints, &settings).unwrap();
+        let mut newest = None;
+        for block in blocks(&x, 0..30_000, 1000) {
+            monitor.step(&block, &mut |o| newest = Some(o));
+        }
+        newest.unwrap().diagnosis
+    };
+    let offline = judged(1e-3);
+    assert!(offline.components[0].state.is_accusation() && offline.notes.is_empty());
+    // No line is as sure as that.
+    let strict = judged(0.0);
+    assert_eq!(strict.components[0].state, State::Undetermined, "{:?}", strict.components[0]);
+    assert!(strict.components[0].why.contains("accusations are held to"));
+    assert!(strict.notes[0].contains("not verified by counting"), "{:?}", strict.notes);
 }
 
 #[test]

@@ -157,6 +157,7 @@ fn judged_on(
         baseline: &baseline,
         runs: &Baseline::default(),
         offered_baselines: 1,
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context)
 }

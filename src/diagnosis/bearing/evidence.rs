@@ -70,7 +70,7 @@ fn absolute_evidence(line: &AbsoluteLine, context: &Context<'_>) -> Evidence {
     let tail = line.reading.harmonics[0].map_or(1.0, |h| confidence::harmonic_tail(&h));
     // Power ratio at which one search of this width reaches the declared probability.
     let z = line.reading.harmonics[0].map_or(0.0, |h| {
-        let per_cell = confidence::FALSE_ALARM_PROBABILITY / h.n_cells;
+        let per_cell = context.false_alarm_probability / h.n_cells;
         h.floor_dof * (per_cell.powf(-1.0 / h.floor_dof) - 1.0)
     });
     Evidence {

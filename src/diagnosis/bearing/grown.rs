@@ -94,7 +94,7 @@ pub(super) fn strongest<'a>(
     });
     let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
     let grown = grown
-        .filter(|g| g.probability <= confidence::FALSE_ALARM_PROBABILITY)
+        .filter(|g| g.probability <= context.false_alarm_probability)
         .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
         .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))?;
     let stronger = features

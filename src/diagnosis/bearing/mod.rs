@@ -71,7 +71,9 @@ fn judge_one(
         .collect();
     verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
     let seen = Seen { bearing, features, context, accepted };
-    let Sorted { proven, shared, doubts } = doubt::sort(&candidates, &seen);
+    let mut sorted = doubt::sort(&candidates, &seen);
+    let unsure = leave_unsure(&mut sorted, context);
+    let Sorted { proven, shared, doubts } = sorted;
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -87,6 +89,7 @@ fn judge_one(
                 verdict.why = doubt::beside(&grown, other, context);
             }
             Some(Growth::Carried(grown)) => verdict.why = doubt::loaded(&grown, context),
+            None if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
             None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
                 None => match sensor::all_cut(features, heard_in(&searches), context) {
@@ -263,6 +266,27 @@ fn accuse_by_growth(
     let speed = 0.5 + 0.5 * features.speed.confidence;
     verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
     verdict.why = grown.sentence(context);
+}
+
+/// Takes away what accuses, but not as surely as this decision asks; why the first of it does not accuse. It is
+/// there by the usual measure, so it does not acquit either.
+fn leave_unsure(sorted: &mut Sorted<'_>, context: &Context<'_>) -> Option<String> {
+    let is_sure = |c: &Candidate<'_>| c.probability() <= context.false_alarm_probability;
+    let accusing = sorted.proven.iter().copied().chain(sorted.shared.iter().map(|(c, _)| *c));
+    let why = accusing.filter(|c| !is_sure(c)).map(|c| unsure(c, context)).next();
+    sorted.proven.retain(|c| is_sure(c));
+    sorted.shared.retain(|(c, _)| is_sure(c));
+    why
+}
+
+/// Why a line does not accuse in this decision.
+fn unsure(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}, but it may be chance with a probability of {:.1e}, and accusations are held to {:.1e}",
+        sentence(candidate, context),
+        candidate.probability(),
+        context.false_alarm_probability
+    )
 }
 
 /// Which element a line accuses.

@@ -156,7 +156,7 @@ pub(super) fn growth(
     let is_worn = higher.len() >= 2
         && least >= UP_RATIO
         && least >= MORE_THAN_THE_FUNDAMENTAL * fundamental.ratio
-        && probability <= confidence::FALSE_ALARM_PROBABILITY;
+        && probability <= context.false_alarm_probability;
     let evidence =
         |(_, name, c): &&(usize, String, crate::diagnosis::baseline::Comparison)| Evidence {
             indicator: format!("{name}_ratio_to_baseline"),

@@ -67,5 +67,5 @@ pub(super) fn persists(
         .gears
         .iter()
         .filter(|r| (r.gear, r.channel) == (gear, channel) && same_speed(r.shaft, shaft, context))
-        .any(|r| chance_of_persistence(r) <= confidence::FALSE_ALARM_PROBABILITY)
+        .any(|r| chance_of_persistence(r) <= context.false_alarm_probability)
 }

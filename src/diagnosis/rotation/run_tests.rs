@@ -91,6 +91,7 @@ fn judged(law: ShaftLaw, with_baseline: bool, steady: Option<(f64, Signs)>) -> C
         baseline: if with_baseline { &baseline } else { &none },
         runs: if with_baseline { &runs } else { &none },
         offered_baselines: usize::from(with_baseline),
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context).into_iter().find(|c| c.id == "main").unwrap()
 }

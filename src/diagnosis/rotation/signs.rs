@@ -22,6 +22,8 @@ use crate::units::Unit;
 pub(super) struct Indicator {
     pub(super) ratio: f64,
     pub(super) probability: f64,
+    /// What the probability is held to.
+    pub(super) allowed: f64,
     /// Ratio to baseline of what the shaft lines leave in the same channel.
     pub(super) rest: Option<f64>,
     pub(super) evidence: Evidence,
@@ -34,7 +36,7 @@ impl Indicator {
     }
 
     pub(super) fn is_up(&self) -> bool {
-        self.ratio >= UP_RATIO && self.probability <= confidence::FALSE_ALARM_PROBABILITY
+        self.ratio >= UP_RATIO && self.probability <= self.allowed
     }
 }
 
@@ -157,6 +159,7 @@ pub(super) fn strongest(
             });
             let mut sign = indicator(name, channel_name, channel, comparison, features);
             sign.rest = rest.map(|c| c.ratio);
+            sign.allowed = context.false_alarm_probability;
             if !shows(channel) {
                 sign.probability = 1.0;
             }
@@ -186,6 +189,7 @@ pub(super) fn indicator(
     Indicator {
         ratio: comparison.ratio,
         probability,
+        allowed: confidence::FALSE_ALARM_PROBABILITY,
         rest: None,
         evidence: Evidence {
             indicator: format!("{name}_ratio_to_baseline"),

@@ -222,6 +222,7 @@ fn judged_with(
             baseline: &baseline,
             runs: &Baseline::default(),
             offered_baselines: baseline.records.len(),
+            false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         },
     )
 }

@@ -105,6 +105,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         baseline: &baseline,
         runs: &baseline,
         offered_baselines: 0,
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context)
 }
