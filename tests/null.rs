@@ -13,6 +13,7 @@ use rotorwatch::diagnosis;
 use rotorwatch::diagnosis::Context;
 use rotorwatch::diagnosis::baseline::{Baseline, Record};
 use rotorwatch::diagnosis::confidence::{band_probability, harmonic_tail};
+use rotorwatch::features::bands::Band;
 use rotorwatch::features::speed::SpeedHints;
 use rotorwatch::features::{ChannelWindow, Extractor, Window, WindowFeatures};
 use rotorwatch::machine::Machine;
@@ -23,7 +24,10 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 const RATE_HZ: f64 = 12_000.0;
+/// 10 s.
 const N_SAMPLES: usize = 120_000;
+/// 1 s, the shortest in which the lines of this machine are read: for counts of very many.
+const FEW_SAMPLES: usize = 12_000;
 const SPEED_HZ: f64 = 29.95;
 
 const MACHINE: &str = r#"
@@ -77,15 +81,15 @@ enum Kind {
 const KINDS: [Kind; 5] = [Kind::White, Kind::Pink, Kind::Impacts, Kind::Tones, Kind::Knocks];
 
 impl Kind {
-    /// One channel of N samples, m/s².
-    fn channel(self, random: &mut Pcg64Mcg) -> Vec<f32> {
-        let mut x: Vec<f64> = (0..N_SAMPLES).map(|_| gaussian(random)).collect();
+    /// One channel of `n` samples, m/s².
+    fn channel(self, n: usize, random: &mut Pcg64Mcg) -> Vec<f32> {
+        let mut x: Vec<f64> = (0..n).map(|_| gaussian(random)).collect();
         match self {
             Self::White => {}
             Self::Pink => make_pink(&mut x),
             Self::Impacts => {
                 let mut time_s = 0.0;
-                while time_s < N_SAMPLES as f64 / RATE_HZ {
+                while time_s < n as f64 / RATE_HZ {
                     let strength = -10.0 * (1.0 - random.random::<f64>()).ln();
                     ring(&mut x, time_s, strength);
                     time_s -= (1.0 - random.random::<f64>()).ln() / 30.0;
@@ -107,7 +111,7 @@ impl Kind {
                 }
             }
             Self::Knocks => {
-                let n_turns = N_SAMPLES as f64 / RATE_HZ * SPEED_HZ;
+                let n_turns = n as f64 / RATE_HZ * SPEED_HZ;
                 for turn in (0..).map(f64::from).take_while(|turn| *turn < n_turns) {
                     ring(&mut x, turn / SPEED_HZ, 10.0);
                 }
@@ -174,11 +178,16 @@ impl Bench {
 
     /// Features of the record of this kind and seed.
     fn measure(&mut self, kind: Kind, seed: u64) -> WindowFeatures {
+        self.measure_n(kind, seed, N_SAMPLES)
+    }
+
+    /// The same of a record of `n` samples.
+    fn measure_n(&mut self, kind: Kind, seed: u64, n: usize) -> WindowFeatures {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
-        let samples = [kind.channel(&mut random), kind.channel(&mut random)];
+        let samples = [kind.channel(n, &mut random), kind.channel(n, &mut random)];
         let window = |samples| Some(ChannelWindow { start: 0, time_s: 0.0, samples });
         let channels = samples.iter().map(|samples| window(&samples[..])).collect();
-        self.extractor.extract(&Window { time_s: (0.0, N_SAMPLES as f64 / RATE_HZ), channels })
+        self.extractor.extract(&Window { time_s: (0.0, n as f64 / RATE_HZ), channels })
     }
 
     /// What is accused, as text.
@@ -334,5 +343,58 @@ fn probabilities_of_noise_are_nominal_or_conservative() {
 fn probabilities_of_every_noise_are_nominal_or_conservative() {
     for kind in [Kind::White, Kind::Pink, Kind::Impacts] {
         check_calibration(kind, 0..100);
+    }
+}
+
+/// Levels of a false alarm, and one deeper: what is asked of a line before several are searched.
+const RARE: [f64; 3] = [1e-3, 1e-4, 1e-5];
+
+/// Readings that are counted a kind of noise.
+const ENOUGH: usize = 1_000_000;
+
+/// Standard deviations of the 99 % interval of a count, both sides.
+const SIGMAS_99: f64 = 2.576;
+
+/// Counts how often the line of noise undercuts each of `RARE`, over bands that share no frequency and lines of both
+/// bearings and channels: of one band and line with its search paid for, and of the least over the harmonics.
+fn rare(kind: Kind) -> (usize, [usize; RARE.len()], [usize; RARE.len()]) {
+    let mut bench = Bench::new();
+    let (mut n, mut fundamentals, mut bands) = (0, [0; RARE.len()], [0; RARE.len()]);
+    for seed in 50_000.. {
+        let features = bench.measure_n(kind, seed, FEW_SAMPLES);
+        let readings = features.bearing_lines.iter().flat_map(|s| s.outcome.iter().flatten());
+        let narrowest = readings.clone().map(|r| r.band.high.0 - r.band.low.0);
+        let narrowest = narrowest.fold(f64::INFINITY, f64::min);
+        let is_apart = |b: &Band| !b.whitened && b.high.0 - b.low.0 < 1.2 * narrowest;
+        for reading in readings.filter(|r| is_apart(&r.band)) {
+            n += 1;
+            let fundamental = reading.harmonics[0].map_or(1.0, |h| harmonic_tail(&h));
+            for (at, level) in RARE.iter().enumerate() {
+                fundamentals[at] += usize::from(fundamental <= *level);
+                bands[at] += usize::from(band_probability(reading) <= *level);
+            }
+        }
+        if n >= ENOUGH {
+            break;
+        }
+    }
+    (n, fundamentals, bands)
+}
+
+#[test]
+#[ignore = "long: a million readings of noise a kind"]
+fn a_million_readings_undercut_rare_levels_no_oftener_than_nominal() {
+    for kind in [Kind::White, Kind::Pink, Kind::Impacts] {
+        let (n, fundamentals, bands) = rare(kind);
+        for (at, level) in RARE.iter().enumerate() {
+            let nominal = level * n as f64;
+            let most = nominal + SIGMAS_99 * nominal.sqrt();
+            println!(
+                "{kind:?}, {n} readings, nominal {nominal:.0} (at most {most:.0}): fundamentals {}, bands {}",
+                fundamentals[at], bands[at]
+            );
+            // A band asks for a harmonic too: it may only be conservative.
+            assert!(bands[at] as f64 <= most, "{kind:?}: bands at {level}: {}", bands[at]);
+        }
     }
 }

@@ -220,6 +220,36 @@ fn the_command_names_the_bearing_and_repeats_itself_bit_by_bit() {
 }
 
 #[test]
+fn with_clearance_and_load_severity_ranks_the_sources_bearings() {
+    let dir = tempfile::tempdir().unwrap();
+    for bearing in 0..4 {
+        let text = builtin::text(&format!("seed-bearing-40hz-{bearing}")).unwrap();
+        // Set D: the defect's edges are steps.
+        let text = text
+            .replace("duration_s = 10.0", "duration_s = 2.0")
+            .replace("profile = \"geometric\"", "profile = \"step\"");
+        std::fs::write(dir.path().join(format!("{bearing}.toml")), text).unwrap();
+        // Another seed's noise for each.
+        let (scene, out, seed) =
+            (format!("{bearing}.toml"), format!("{bearing}.h5"), format!("{}", 20 + bearing));
+        let done = simulate(&["simulate", &scene, "--seed", &seed, "--out", &out], dir.path());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+    let severity = |bearing: usize| {
+        let capture = format!("{bearing}.h5");
+        let arguments = ["diagnose", "--format", "json", "--baseline", "0.h5", &capture];
+        let done = simulate(&arguments, dir.path());
+        let document: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+        let components = document["components"].as_array().unwrap();
+        let right = components.iter().find(|c| c["id"] == "right").unwrap().clone();
+        assert_eq!(right["fault"], "inner_race", "{right:#}");
+        right["severity"].as_f64().unwrap()
+    };
+    let severities = [severity(1), severity(2), severity(3)];
+    assert!(severities.is_sorted_by(|a, b| a < b), "{severities:?}");
+}
+
+#[test]
 fn what_is_wrong_is_told_and_nothing_is_written() {
     let dir = tempfile::tempdir().unwrap();
     let unknown = simulate(&["simulate", "GX_GS_GB", "--out", "x.h5"], dir.path());

@@ -106,7 +106,7 @@ const LINE_HALF_WIDTH: f64 = 3.0;
 /// Most of the spectrum that lines at multiples may cover, to either side of each: more is no line any more.
 const COVERED: f64 = 0.1;
 
-/// Limits the bins of a whitened spectrum around all multiples of a rate to the noise (D78): what repeats with each
+/// Limits the bins of a whitened spectrum around all multiples of a rate to the noise (D82): what repeats with each
 /// turn of a shaft is gone, what strikes at another rate stays but for the tenth of its lines, or less, that lie there.
 ///
 /// `whitened`: [`WhitenPlan::process`]'s of `n` samples; `rate_bins`: the rate, bins (rate·n/f_s); `precision`: its

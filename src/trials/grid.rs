@@ -25,6 +25,8 @@ pub struct Plan {
     pub n_seeds: u64,
     /// One speed, clearance, load, size and noise of the rig instead of all.
     pub is_thin: bool,
+    /// Only machines in good health.
+    pub is_healthy: bool,
 }
 
 /// A part of the grid that is made on its own.
@@ -83,7 +85,8 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
                 let setting = stand::Setting { disturbance, ..healthy };
                 Task::Stand(format!("stand, {name}"), setting)
             }));
-            for defect_db in DEFECT_DB {
+            let defects_db = if plan.is_healthy { &[][..] } else { &DEFECT_DB[..] };
+            for &defect_db in defects_db {
                 tasks.extend(Defect::ALL.map(|defect| {
                     let setting = stand::Setting { defect: Some(defect), defect_db, ..healthy };
                     Task::Stand(format!("stand, {name}, defect {defect_db} dB"), setting)
@@ -104,7 +107,8 @@ fn gear_tasks(plan: &Plan) -> Vec<Task> {
     for model in [gears::Model::Modulation, gears::Model::Stiffness] {
         for (has_tacho, has_baseline) in GEARS_HAVE {
             for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
-                tasks.extend(gears::kinds(model).iter().map(|kind| {
+                let kinds = gears::kinds(model).iter();
+                tasks.extend(kinds.filter(|k| k.is_healthy() || !plan.is_healthy).map(|kind| {
                     Task::Gears(gears::Setting {
                         model,
                         kind: *kind,
@@ -134,6 +138,9 @@ fn rig_tasks(plan: &Plan) -> Vec<Task> {
         for shaft in [false, true] {
             bad.extend(sizes.iter().map(|bearing| Bad { gear, shaft, bearing: *bearing }));
         }
+    }
+    if plan.is_healthy {
+        bad.retain(|bad| *bad == Bad::NOTHING);
     }
     let mut tasks = Vec::new();
     for speed in &speeds {

@@ -73,6 +73,9 @@ pub struct Arguments {
     /// One cell of the rig instead of all: speed, clearance, load, noise.
     #[arg(long, requires = "grid")]
     pub thin: bool,
+    /// Machines in good health only: how often they are accused.
+    #[arg(long, requires = "grid")]
+    pub healthy: bool,
     /// Folder of the machine files, one a data set; `machines` beside TRUTH.csv by default.
     #[arg(long, value_name = "DIR")]
     pub machines: Option<PathBuf>,
@@ -161,6 +164,7 @@ fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
         first_seed: arguments.first_seed,
         n_seeds: arguments.seeds,
         is_thin: arguments.thin,
+        is_healthy: arguments.healthy,
     };
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
     let records = grid::records(&plan, arguments.format == Format::Text);

@@ -224,3 +224,17 @@ fn a_line_of_the_turning_race_that_grew_under_a_moving_shaft_accuses_nobody() {
     let at_rest = grown(DefectLine::Bpfo, 20.0);
     assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
 }
+
+#[test]
+fn severity_goes_on_with_growth_where_the_depth_is_full() {
+    let of = |absolute: Vec<AbsoluteLine>| {
+        let verdict = judged(vec![search(0, DefectLine::Bpfi, 1.2)], absolute).remove(0);
+        assert_eq!(verdict.fault, Some(FaultMode::InnerRace), "{}", verdict.why);
+        verdict.severity.unwrap()
+    };
+    let grown = |ratio: f64| of(vec![absolute_line(0, DefectLine::Bpfi, ratio)]);
+    let alone = of(Vec::new());
+    assert!((grown(2.0) - alone).abs() < 1e-12, "not grown: the depth counts");
+    let rising = [alone, grown(300.0), grown(600.0), grown(900.0)];
+    assert!(rising.windows(2).all(|w| w[0] <= w[1]) && rising[1] < rising[3], "{rising:?}");
+}

@@ -48,7 +48,7 @@ impl Grown<'_> {
 
     /// Severity of the growth.
     pub(super) fn severity(&self) -> f64 {
-        severity::of_ratio(self.ratio, GROWN_RATIO, DAMAGED_RATIO)
+        severity_of(self.ratio)
     }
 }
 
@@ -108,6 +108,27 @@ pub(super) fn strongest<'a>(
         None if is_loaded_by_the_shaft(grown.line, features, context) => Growth::Carried(grown),
         None => Growth::Proven(grown),
     })
+}
+
+/// How far this line of the bearing has grown in the absolute vibration, in the pair where it has most; `None` without
+/// a baseline of it, or too little to count.
+pub(super) fn ratio(
+    bearing: BearingIndex,
+    line: DefectLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<f64> {
+    // A baseline is of one speed.
+    if features.speed.is_transient() {
+        return None;
+    }
+    let own = features.absolute_lines.iter().filter(|l| (l.bearing, l.line) == (bearing, line));
+    own.filter_map(|l| growth(l, features, context)).map(|(ratio, _)| ratio).max_by(f64::total_cmp)
+}
+
+/// Severity of a growth.
+pub(super) fn severity_of(ratio: f64) -> f64 {
+    severity::of_ratio(ratio, GROWN_RATIO, DAMAGED_RATIO)
 }
 
 /// Whether the line is that of the race that turns, of a bearing whose shaft moves more than it did (C9).

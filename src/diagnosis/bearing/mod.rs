@@ -181,8 +181,9 @@ fn accuse(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) {
-    let depth = first.depth();
-    let severity = severity::of_depth(depth);
+    let (bearing, line) = (first.search.bearing, first.search.line);
+    let growth = grown::ratio(bearing, line, features, context);
+    let severity = line_severity(first, growth);
     let rival = candidates
         .iter()
         .filter(|c| c.search.line != first.search.line && c.search.line != DefectLine::Ftf)
@@ -192,6 +193,10 @@ fn accuse(
         first.power_ratio() >= LEAD_POWER_RATIO * r.power_ratio() && first.n_showing > r.n_showing
     });
     verdict.why = sentence(first, context);
+    if let Some(ratio) = growth {
+        let also = format!("; in the absolute vibration it is {ratio:.0} times its baseline");
+        verdict.why.push_str(&also);
+    }
     // What few bands hear is a fault, not yet a measure of it.
     let severity = if first.is_broad() { severity } else { severity::not_damaged(severity) };
     verdict.severity = Some(severity);
@@ -218,6 +223,13 @@ fn accuse(
             rival.search.line.name()
         );
     }
+}
+
+/// Severity of a line that accuses: of its depth, or of its growth over the baseline if that says more. Depth says how
+/// much of a band is the defect's, and is full for a small one in a quiet machine; growth goes on with its size (S1, S2).
+fn line_severity(line: &Candidate<'_>, growth: Option<f64>) -> f64 {
+    let grown = growth.map_or(0.0, grown::severity_of);
+    severity::of_depth(line.depth()).max(grown)
 }
 
 /// Fills in a warning without a cause: the line is as well that of another element or bearing.

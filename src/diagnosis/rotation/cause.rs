@@ -13,6 +13,7 @@ use crate::features::run_up::Fit;
 use crate::features::run_up::IMPLAUSIBLE;
 use crate::features::run_up::Part;
 use crate::features::run_up::ShaftLaw;
+use crate::features::shaft;
 use crate::machine::ShaftIndex;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -55,30 +56,61 @@ impl Cause {
     }
 }
 
-/// The laws that probes of `shaft` read.
-fn laws(shaft: ShaftIndex, features: &WindowFeatures) -> Vec<&ShaftLaw> {
-    features.laws.iter().filter(|law| law.shaft == shaft).collect()
+/// What the law predicts of 1× at a steady speed may be off by this part: else the shaft has changed since its run.
+const PREDICTED: f64 = 0.3;
+
+/// The laws that probes of `shaft` read, and that say of this window's speed what its 1× is.
+fn laws<'a>(
+    shaft: ShaftIndex,
+    features: &'a WindowFeatures,
+    context: &Context<'_>,
+) -> Vec<&'a ShaftLaw> {
+    let name = shaft::line_name(1, &context.machine.shaft(shaft).id);
+    let predicts = |law: &&ShaftLaw| {
+        if features.speed.is_transient() {
+            return true;
+        }
+        let first = features.speed.first;
+        let speed = first.and_then(|first| context.machine.shaft_speed(shaft, first));
+        let now = features.channel(law.channel).and_then(|channel| channel.get(&name));
+        let best = law.law.fits.first();
+        let predicted = best.zip(speed).and_then(|(fit, speed)| fit.whole_at(speed.0));
+        now.zip(predicted).is_some_and(|(now, whole)| (now - whole).abs() <= PREDICTED * now)
+    };
+    features.laws.iter().filter(|law| law.shaft == shaft).filter(predicts).collect()
 }
 
 /// Highest speed at which probes of a shaft saw it run; `None` without a run.
-pub(super) fn top(shaft: ShaftIndex, features: &WindowFeatures) -> Option<Hz> {
-    laws(shaft, features)
+pub(super) fn top(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<Hz> {
+    laws(shaft, features, context)
         .iter()
         .map(|law| Hz(law.law.speeds_hz.1))
         .max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// What the probes of a shaft say of its 1× at a speed (J6): their common word, both parts if they contradict each other.
-pub(super) fn cause(shaft: ShaftIndex, speed: Hz, features: &WindowFeatures) -> Cause {
-    let laws = laws(shaft, features);
+/// What the probes of a shaft say of its 1× at a speed (J6): their common word, both parts if they contradict each other. A bow only
+/// where the critical speed is declared: far above it an unbalance stays the same as a bow does below.
+pub(super) fn cause(
+    shaft: ShaftIndex,
+    speed: Hz,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Cause {
+    let laws = laws(shaft, features, context);
     let looks = laws.len() as f64;
     let mut told: Vec<Cause> = laws.iter().map(|law| cause_of(law, speed, looks)).collect();
     told.retain(|cause| *cause != Cause::Open);
-    match told.as_slice() {
+    let common = match told.as_slice() {
         [] => Cause::Open,
         [first, rest @ ..] if rest.iter().all(|cause| cause == first) => *first,
         [_, ..] => Cause::Both,
-    }
+    };
+    let is_below = context.machine.shaft(shaft).first_critical.is_some();
+    if common == Cause::Bow && !is_below { Cause::Open } else { common }
 }
 
 /// What one probe says: every plausible fit must say it.
@@ -118,7 +150,7 @@ pub(super) fn evidence(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Vec<Evidence> {
-    let laws = laws(shaft, features);
+    let laws = laws(shaft, features, context);
     let looks = laws.len() as f64;
     let of_law = |law: &&ShaftLaw| {
         let fit = law.law.fits.first()?;
@@ -182,7 +214,7 @@ pub(super) fn growth(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Option<Growth> {
-    let laws = laws(shaft, features);
+    let laws = laws(shaft, features, context);
     let looks = 2.0 * laws.len() as f64;
     let id = &context.machine.shaft(shaft).id;
     let names = (run_up::bow_name(id), run_up::unbalance_name(id));

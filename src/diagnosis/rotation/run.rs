@@ -25,7 +25,7 @@ pub(super) fn judge_run(
     if judge_by_run(verdict, shaft, features, context) {
         return;
     }
-    if let Some(top) = cause::top(shaft, features) {
+    if let Some(top) = cause::top(shaft, features, context) {
         verdict.evidence = cause::evidence(shaft, top, features, context);
         verdict.why.push_str(", and no baseline of a run with a mark on the shaft is there");
     }
@@ -61,7 +61,7 @@ fn judge_growth(
         growth.top.0, growth.bow.least.ratio, growth.unbalance.least.ratio, by.evidence.channel
     );
     if by.is_up() {
-        let told = cause::cause(shaft, growth.top, features);
+        let told = cause::cause(shaft, growth.top, features, context);
         let fault = match told {
             Cause::Bow if growth.bow.least.is_up() => Some(FaultMode::Bow),
             Cause::Unbalance if growth.unbalance.least.is_up() => Some(FaultMode::Unbalance),

@@ -1,5 +1,6 @@
 //! Bow and unbalance by the law of a run: vectors in closed form, with noise, against a healthy run.
 
+use super::cause::Cause;
 use super::tests::Signs;
 use super::tests::channels;
 use super::tests::features;
@@ -14,6 +15,7 @@ use crate::features::run_up::ShaftLaw;
 use crate::features::run_up::VectorAt;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
+use crate::machine::Machine;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -65,35 +67,57 @@ fn kept(law: &ShaftLaw) -> Vec<ChannelFeatures> {
     vec![ChannelFeatures { channel: law.channel, sample_range: (0, 1), values }]
 }
 
-/// The verdict on the main shaft: of a window in the run, or, with a ratio of its 1× to the baseline, at `speed_hz` after it.
-fn judged(law: ShaftLaw, with_baseline: bool, steady: Option<(f64, Signs)>) -> ComponentDiagnosis {
-    let (machine, channels) = (machine(false), channels());
-    let speed_hz = steady.map_or(20.0, |(speed_hz, _)| speed_hz);
-    let of_run = Record::of_windows("run", &[(None, kept(&healthy(50.0)))], &channels);
-    let runs = Baseline { records: vec![of_run], provisional: false };
-    let at_speed =
-        Record::of_windows("h", &[(Some(Hz(speed_hz)), features(Signs::HEALTHY))], &channels);
-    let baseline = Baseline { records: vec![at_speed], provisional: false };
+/// A window of the run, or, with the signs of its lines, at a steady speed after it.
+fn window(laws: Vec<ShaftLaw>, steady: Option<(f64, Signs)>) -> WindowFeatures {
     let speed = Speed {
-        first: Some(Hz(speed_hz)),
+        first: Some(Hz(steady.map_or(20.0, |(speed_hz, _)| speed_hz))),
         source: Some(SpeedSource::Tacho),
         confidence: 1.0,
         excursion: if steady.is_some() { 0.0 } else { 0.4 },
         ..Speed::unknown()
     };
     let signs = steady.map_or(Signs::HEALTHY, |(_, signs)| signs);
-    let features = WindowFeatures { speed, laws: vec![law], ..tests::window(features(signs)) };
-    let none = Baseline::default();
-    let context = Context {
-        machine: &machine,
+    WindowFeatures { speed, laws, ..tests::window(features(signs)) }
+}
+
+/// What is said of a window of a machine, with a healthy run and a healthy record at its speed or without both.
+fn told<T>(
+    machine: &Machine,
+    features: &WindowFeatures,
+    with_baseline: bool,
+    say: impl FnOnce(&Context<'_>) -> T,
+) -> T {
+    let channels = channels();
+    let of_run = Record::of_windows("run", &[(None, kept(&healthy(50.0)))], &channels);
+    let healthy = tests::features(Signs::HEALTHY);
+    let at_speed = Record::of_windows("h", &[(features.speed.first, healthy)], &channels);
+    let of = |record: Record| {
+        let records = if with_baseline { vec![record] } else { Vec::new() };
+        Baseline { records, provisional: false }
+    };
+    say(&Context {
+        machine,
         channels: &channels,
         channel_of_sensor: &[Some(ChannelIndex(0)), Some(ChannelIndex(1))],
-        baseline: if with_baseline { &baseline } else { &none },
-        runs: if with_baseline { &runs } else { &none },
+        baseline: &of(at_speed),
+        runs: &of(of_run),
         offered_baselines: usize::from(with_baseline),
         false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
-    };
-    judge(&features, &context).into_iter().find(|c| c.id == "main").unwrap()
+    })
+}
+
+/// The verdict on the main shaft.
+fn judged(law: ShaftLaw, with_baseline: bool, steady: Option<(f64, Signs)>) -> ComponentDiagnosis {
+    let features = window(vec![law], steady);
+    let verdicts =
+        told(&machine(false), &features, with_baseline, |context| judge(&features, context));
+    verdicts.into_iter().find(|c| c.id == "main").unwrap()
+}
+
+/// The cause that laws tell in a window of the run up to 50 Hz.
+fn cause_in(machine: &Machine, shaft: ShaftIndex, laws: Vec<ShaftLaw>) -> Cause {
+    let features = window(laws, None);
+    told(machine, &features, true, |context| cause::cause(shaft, Hz(50.0), &features, context))
 }
 
 /// State and fault in a window of the run.
@@ -154,8 +178,10 @@ fn at_its_speed_a_shaft_is_judged_by_the_run_it_made() {
     assert_eq!(at(small, unbalance, 30.0, 30.0).fault, None);
     assert_eq!(at(bow, small, 40.0, 40.0).fault, None);
     let r = 60.0 / CRITICAL_HZ;
-    let both = at(bow, polar(60.0 / (r * r), 130.0), 40.0, 1.0);
+    let both = at(bow, polar(60.0 / (r * r), 130.0), 55.0, 1.0);
     assert_eq!((both.state.is_accusation(), both.fault), (true, None), "{}", both.why);
+    // 1× is now five times what the run's law says: another thing than was there in the run.
+    assert_eq!(at(bow, small, 200.0, 1.0).fault, None);
     // The law names; it does not accuse what is not up.
     assert_eq!(at(bow, small, 1.2, 1.0).state, State::Healthy);
 }
@@ -165,12 +191,30 @@ fn two_probes_that_contradict_each_other_name_nothing() {
     let bow = run(polar(60.0, 40.0), polar(5.0, 0.0), 50.0);
     let unbalance =
         ShaftLaw { channel: ChannelIndex(1), ..run(polar(1.0, 0.0), polar(150.0, 0.0), 50.0) };
-    let features =
-        WindowFeatures { laws: vec![bow.clone(), unbalance], ..tests::window(Vec::new()) };
-    assert_eq!(cause::cause(MAIN, Hz(50.0), &features), cause::Cause::Both);
-    let alone = WindowFeatures { laws: vec![bow], ..tests::window(Vec::new()) };
-    assert_eq!(cause::cause(MAIN, Hz(50.0), &alone), cause::Cause::Bow);
-    assert_eq!(cause::cause(ShaftIndex(0), Hz(50.0), &alone), cause::Cause::Open);
+    let cause = |shaft, laws| cause_in(&machine(false), shaft, laws);
+    assert_eq!(cause(MAIN, vec![bow.clone(), unbalance]), Cause::Both);
+    assert_eq!(cause(MAIN, vec![bow.clone()]), Cause::Bow);
+    assert_eq!(cause(ShaftIndex(0), vec![bow]), Cause::Open, "not its probe");
+}
+
+#[test]
+fn a_bow_wants_a_declared_critical_speed_for_above_it_an_unbalance_looks_alike() {
+    let mut machine = machine(false);
+    machine.shafts[1].first_critical = None;
+    let undeclared = |law: ShaftLaw| {
+        let vectors: Vec<VectorAt> = (0..24_u32)
+            .map(|i| {
+                let speed_hz = 5.0 + 45.0 * f64::from(i) / 23.0;
+                let fit = &law.law.fits[0];
+                let vector = fit.bow.vector + fit.unbalance.vector * run_up::rise(Hz(speed_hz));
+                VectorAt { speed_hz, vector, weight: 1.0 }
+            })
+            .collect();
+        ShaftLaw { law: run_up::speed_law(&vectors, None).unwrap(), ..law }
+    };
+    let cause = |law: ShaftLaw| cause_in(&machine, MAIN, vec![undeclared(law)]);
+    assert_eq!(cause(run(polar(60.0, 40.0), polar(5.0, 0.0), 50.0)), Cause::Open);
+    assert_eq!(cause(run(polar(1.0, 0.0), polar(150.0, 0.0), 50.0)), Cause::Unbalance);
 }
 
 #[test]
@@ -189,12 +233,11 @@ fn noise_and_a_law_of_another_kind_name_nothing() {
             .collect();
         let law = run_up::speed_law(&vectors, Some(CRITICAL_HZ)).unwrap();
         let law = ShaftLaw { shaft: MAIN, channel: ChannelIndex(0), law };
-        let features = WindowFeatures { laws: vec![law], ..tests::window(Vec::new()) };
-        cause::cause(MAIN, Hz(50.0), &features)
+        cause_in(&machine(false), MAIN, vec![law])
     };
-    assert_eq!(read(&|_, noise| polar(10.0, 9000.0 * noise)), cause::Cause::Open);
+    assert_eq!(read(&|_, noise| polar(10.0, 9000.0 * noise)), Cause::Open);
     // A foundation that resonates at 30 Hz.
     let resonant =
         |f: f64, noise: f64| Complex::new(1.0 - (f / 30.0).powi(2), 0.1).inv() * 20.0 + noise;
-    assert_eq!(read(&resonant), cause::Cause::Open);
+    assert_eq!(read(&resonant), Cause::Open);
 }

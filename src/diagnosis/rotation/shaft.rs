@@ -88,7 +88,7 @@ fn accuse_by_probe(
     context: &Context<'_>,
 ) {
     let speed = features.speed.first.and_then(|first| context.machine.shaft_speed(shaft, first));
-    let told = speed.map_or(Cause::Open, |speed| cause::cause(shaft, speed, features));
+    let told = speed.map_or(Cause::Open, |speed| cause::cause(shaft, speed, features, context));
     let too_much = excludes_unbalance(shaft, once, features, context);
     let with_others = rises_with_others(shaft, once, features, context);
     let alone =
@@ -199,6 +199,9 @@ const UNBALANCE: &str = ", 2× and 3× have not risen with it: unbalance; a bow 
 /// them with it.
 const ALONE: f64 = 0.5;
 
+/// A harmonic's amplitude, with its comparison to the baseline.
+type Harmonic = (f64, Comparison);
+
 /// Whether 1× alone has risen in the indicator's channel: 2× and 3× are known and neither is up nor rose by
 /// half as much (J4).
 fn rises_alone(
@@ -207,37 +210,41 @@ fn rises_alone(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let is_calm = |c: Comparison| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio;
-    higher(shaft, once, features, context).into_iter().all(|c| c.is_some_and(is_calm))
+    let is_calm = |(_, c): Harmonic| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio;
+    [2, 3].into_iter().all(|order| {
+        let known = harmonic((shaft, order), once, features, context);
+        known.is_some_and(is_calm)
+    })
 }
 
-/// Whether 2× or 3× is known to have risen by more than half as much as 1×: what moves the shaft is neither bow nor unbalance
-/// alone.
+/// Whether 2× or 3× is known to have risen by more than half as much as 1× and to move the shaft by a third as much: what does so is
+/// neither bow nor unbalance alone. A probe hears hardly any 2× of a healthy shaft, and its ratio alone is noise.
 fn rises_with_others(
     shaft: ShaftIndex,
     once: &Indicator,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let compared = higher(shaft, once, features, context);
-    compared.into_iter().flatten().any(|c| c.ratio > ALONE * once.ratio)
+    let of_once = harmonic((shaft, 1), once, features, context);
+    let matters = |(amplitude, compared): Harmonic| {
+        compared.ratio > ALONE * once.ratio
+            && of_once.is_none_or(|(first, _)| UP_RATIO * amplitude >= first)
+    };
+    [2, 3].into_iter().filter_map(|o| harmonic((shaft, o), once, features, context)).any(matters)
 }
 
-/// 2× and 3× in the indicator's channel against the baseline.
-fn higher(
-    shaft: ShaftIndex,
+/// A harmonic of a shaft in the indicator's channel.
+fn harmonic(
+    (shaft, order): (ShaftIndex, u8),
     once: &Indicator,
     features: &WindowFeatures,
     context: &Context<'_>,
-) -> [Option<Comparison>; 2] {
-    let id = &context.machine.shaft(shaft).id;
+) -> Option<Harmonic> {
     let name = &once.evidence.channel;
-    let channel = features.channels.iter().find(|c| context.channel_name(c.channel) == name);
-    [2, 3].map(|order| {
-        let line = shaft::line_name(order, id);
-        let value = channel?.get(&line)?;
-        context.baseline.compare(name, &line, value)
-    })
+    let channel = features.channels.iter().find(|c| context.channel_name(c.channel) == name)?;
+    let line = shaft::line_name(order, &context.machine.shaft(shaft).id);
+    let value = channel.get(&line)?;
+    Some((value, context.baseline.compare(name, &line, value)?))
 }
 
 /// Whether the shaft turns so near its first critical speed that a bow moves it like an unbalance, and

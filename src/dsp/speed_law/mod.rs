@@ -70,6 +70,14 @@ impl Fit {
         (self.bow.vector.norm() * bow, self.bow.sigma * bow)
     }
 
+    /// Amplitude of both parts together at a speed; `None` from [`HIGHEST_RATIO`] of the critical speed on, as nothing is known there.
+    #[must_use]
+    pub fn whole_at(&self, speed_hz: f64) -> Option<f64> {
+        let (bow, unbalance) = shapes(speed_hz, self.critical_hz);
+        let whole = self.bow.vector * bow + self.unbalance.vector * unbalance;
+        (speed_hz <= HIGHEST_RATIO * self.critical_hz).then(|| whole.norm())
+    }
+
     /// Amplitude of the unbalance's part at a speed below the critical one, and its standard deviation.
     #[must_use]
     pub fn unbalance_at(&self, speed_hz: f64) -> (f64, f64) {

@@ -48,6 +48,10 @@ fn both_parts_of_a_closed_form_are_found() {
     let (r, (shown, _)) = (0.5, best.unbalance_at(0.5 * CRITICAL_HZ));
     assert!((shown - e.norm() * r * r / (1.0 - r * r)).abs() < 1e-9);
     assert!((best.bow_at(0.5 * CRITICAL_HZ).0 - 50.0 / 0.75).abs() < 1e-9);
+    // At half the critical speed: |b + e/4|·4/3.
+    let whole = (b + e * 0.25).norm() / 0.75;
+    assert!((best.whole_at(0.5 * CRITICAL_HZ).unwrap() - whole).abs() < 1e-9);
+    assert!(best.whole_at(0.8 * CRITICAL_HZ).is_none());
     assert!(best.bow.chance < 1e-100 && best.unbalance.chance < 1e-100 && best.unexplained < 1e-12);
 }
 

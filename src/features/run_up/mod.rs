@@ -35,7 +35,7 @@ const REVOLUTIONS: f64 = 8.0;
 /// Pieces of a window at most; where the speed is steady, four, longer if the window allows.
 const MOST_PIECES: f64 = 64.0;
 const STEADY_PIECES: f64 = 4.0;
-const LONGEST_REVOLUTIONS: f64 = 40.0;
+const LONGEST_REVOLUTIONS: f64 = 16.0;
 
 /// A speed that changes by less within a window counts as steady.
 const STEADY: f64 = 0.02;
@@ -46,6 +46,10 @@ const HANN_VARIANCE: f64 = 0.032_672_741_3;
 /// Speeds nearer than this, relative, are one; of each so many pieces are kept, the newest.
 const SPEED_STEP: f64 = 0.03;
 const KEPT_OF_A_SPEED: usize = 4;
+
+/// A vector that differs by more than this part of the largest of its run from the first at its speed has changed while the speed
+/// did not: what was before is of another shaft.
+const CHANGED: f64 = 0.3;
 
 /// Pieces older than this say nothing of now, s.
 const LONGEST_S: f64 = 3600.0;
@@ -175,6 +179,8 @@ fn smooth(track: &PhaseTrack) -> Option<PhaseTrack> {
 #[derive(Debug, Default)]
 pub struct RunUp {
     pieces: Vec<Piece>,
+    /// The first piece of each speed since the last change.
+    first: Vec<Piece>,
     /// End of the newest piece of each channel, s.
     reached_s: Vec<(ChannelIndex, f64)>,
 }
@@ -183,6 +189,7 @@ impl RunUp {
     /// Begins anew.
     pub fn clear(&mut self) {
         self.pieces.clear();
+        self.first.clear();
         self.reached_s.clear();
     }
 
@@ -192,20 +199,21 @@ impl RunUp {
             self.clear();
         }
         for piece in std::mem::take(&mut features.pieces) {
-            self.take(piece);
+            let shaft = shaft_of(machine, features, piece.channel);
+            let critical = machine.shaft(shaft).first_critical.map_or(f64::INFINITY, |hz| hz.0);
+            self.take(piece, speed_law::HIGHEST_RATIO * critical);
         }
-        self.pieces.retain(|p| p.time_s.1 >= features.time_s.1 - LONGEST_S);
+        let is_recent = |p: &Piece| p.time_s.1 >= features.time_s.1 - LONGEST_S;
+        self.pieces.retain(is_recent);
+        self.first.retain(is_recent);
         for (channel, _) in &self.reached_s {
+            let shaft = shaft_of(machine, features, *channel);
             let Some(values) = features.channels.iter_mut().find(|c| c.channel == *channel) else {
                 continue;
             };
             let of_channel = self.pieces.iter().filter(|p| p.channel == *channel);
             let vectors: Vec<VectorAt> = of_channel.map(|p| p.at).collect();
             // What a probe without a place sees is the first shaft's.
-            let sensor = features.sensors.iter().find(|reading| reading.channel == *channel);
-            let place =
-                sensor.and_then(|reading| machine.shaft_at(&machine.sensors[reading.sensor]));
-            let shaft = place.unwrap_or(ShaftIndex(0));
             let described = machine.shaft(shaft);
             if described.ratio_to_first.is_none_or(|ratio| (ratio - 1.0).abs() > 1e-9) {
                 continue;
@@ -218,8 +226,9 @@ impl RunUp {
         }
     }
 
-    /// Keeps a piece if it begins where nothing was read yet; the oldest of too many of one speed gives way.
-    fn take(&mut self, piece: Piece) {
+    /// Keeps a piece if it begins where nothing was read yet and the law holds at its speed; the oldest of too many of one speed
+    /// gives way, and all of them if the vector has changed at one speed.
+    fn take(&mut self, piece: Piece, highest_hz: f64) {
         let known = self.reached_s.iter_mut().find(|(channel, _)| *channel == piece.channel);
         match known {
             // Pieces of two windows share no sample: they are independent.
@@ -227,16 +236,45 @@ impl RunUp {
             Some((_, reached_s)) => *reached_s = piece.time_s.1,
             None => self.reached_s.push((piece.channel, piece.time_s.1)),
         }
-        let step = |p: &Piece| (p.at.speed_hz.ln() / SPEED_STEP).round();
-        let is_alike =
-            |p: &Piece| p.channel == piece.channel && (step(p) - step(&piece)).abs() < 0.5;
-        if self.pieces.iter().filter(|p| is_alike(p)).count() >= KEPT_OF_A_SPEED
-            && let Some(oldest) = self.pieces.iter().position(is_alike)
+        if piece.at.speed_hz > highest_hz {
+            return;
+        }
+        match self.first.iter().find(|first| is_alike(first, &piece)) {
+            Some(first) if self.has_changed(first, &piece) => {
+                self.pieces.retain(|p| p.channel != piece.channel);
+                self.first.retain(|p| p.channel != piece.channel);
+                self.first.push(piece);
+            }
+            Some(_) => {}
+            None => self.first.push(piece),
+        }
+        if self.pieces.iter().filter(|p| is_alike(p, &piece)).count() >= KEPT_OF_A_SPEED
+            && let Some(oldest) = self.pieces.iter().position(|p| is_alike(p, &piece))
         {
             self.pieces.remove(oldest);
         }
         self.pieces.push(piece);
     }
+
+    /// Whether a piece is another vector than the first at its speed.
+    fn has_changed(&self, first: &Piece, now: &Piece) -> bool {
+        let of_channel = self.pieces.iter().filter(|p| p.channel == now.channel);
+        let largest = of_channel.map(|p| p.at.vector.norm()).fold(now.at.vector.norm(), f64::max);
+        (now.at.vector - first.at.vector).norm() > CHANGED * largest
+    }
+}
+
+/// Whether two pieces are of one channel and one speed.
+fn is_alike(a: &Piece, b: &Piece) -> bool {
+    let step = |p: &Piece| (p.at.speed_hz.ln() / SPEED_STEP).round();
+    a.channel == b.channel && (step(a) - step(b)).abs() < 0.5
+}
+
+/// The shaft that a channel's sensor looks at; one without a place sees the first.
+fn shaft_of(machine: &Machine, features: &WindowFeatures, channel: ChannelIndex) -> ShaftIndex {
+    let sensor = features.sensors.iter().find(|reading| reading.channel == channel);
+    let place = sensor.and_then(|reading| machine.shaft_at(&machine.sensors[reading.sensor]));
+    place.unwrap_or(ShaftIndex(0))
 }
 
 /// The largest that every plausible fit allows, two standard deviations on top: a baseline must not be smaller than it is.

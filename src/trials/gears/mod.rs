@@ -89,6 +89,12 @@ impl Kind {
         }
     }
 
+    /// Whether nothing is wrong with the teeth.
+    #[must_use]
+    pub fn is_healthy(self) -> bool {
+        self.fault().is_none()
+    }
+
     fn fault(self) -> Option<FaultMode> {
         match self {
             Self::Healthy | Self::Eccentric | Self::Ghost => None,
