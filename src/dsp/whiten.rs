@@ -244,7 +244,7 @@ mod tests {
         let noise = (n as f64).sqrt();
         for (k, (bin, was)) in white.iter().zip(&kept).enumerate() {
             let from_multiple = (k % 80).min(80 - k % 80);
-            if from_multiple <= 3 && k >= 77 && k < 9_997 {
+            if from_multiple <= 3 && (77..9_997).contains(&k) {
                 assert!(bin.norm() <= noise * (1.0 + 1e-12), "{k}");
             } else {
                 assert_eq!(bin, was, "{k}");

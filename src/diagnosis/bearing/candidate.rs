@@ -61,7 +61,7 @@ struct LinePower {
     lowest_shown: f64,
     /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
     above: Option<f64>,
-    /// Whether something else explains the line in every one of those, so that it may be hidden there.
+    /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
     is_hidden_above: bool,
 }
 
@@ -83,7 +83,8 @@ impl LinePower {
             lowest: lowest.map_or(0.0, power),
             lowest_shown: lowest.map_or(0.0, shown),
             above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
-            is_hidden_above: !raw().filter(is_above).any(own),
+            // A tone that is modulated is no blow that hides others.
+            is_hidden_above: !raw().filter(is_above).any(|r| own(r) || r.carrier.is_some()),
         }
     }
 }
