@@ -234,7 +234,7 @@ fn severity_goes_on_with_growth_where_the_depth_is_full() {
     };
     let grown = |ratio: f64| of(vec![absolute_line(0, DefectLine::Bpfi, ratio)]);
     let alone = of(Vec::new());
-    assert!((grown(2.0) - alone).abs() < 1e-12, "not grown: the depth counts");
+    assert!((grown(6.0) - alone).abs() < 1e-12, "little growth: the depth counts");
     let rising = [alone, grown(300.0), grown(600.0), grown(900.0)];
     assert!(rising.windows(2).all(|w| w[0] <= w[1]) && rising[1] < rising[3], "{rising:?}");
 }
