@@ -9,6 +9,7 @@ use super::grown;
 use super::grown::Grown;
 use super::sentence;
 use crate::diagnosis::Context;
+use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
 use crate::features::absolute::AbsoluteLine;
@@ -144,8 +145,9 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
             && line.is_agreed()
             && !line.is_bare()
             && !line.is_carried()
+            && !is_turned(line, seen)
             // Accepted, it would explain itself.
-            && !candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh_all(s, &[], 1.0)))
+            && !candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, &[], 1.0)))
             && !has_not_grown(line, seen)
     };
     let line = proven
@@ -157,6 +159,17 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
          accused nor acquitted",
         sentence(&line, seen.context)
     ))
+}
+
+/// Whether it is a line of the race at rest with side bands at 1×: a defect there meets the same load on each turn, and
+/// what turns is the shaft's.
+fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let side = line.best.as_ref().and_then(|best| best.side_band);
+    let bearing = seen.context.machine.bearing(line.search.bearing);
+    line.search.line != grown::of_turning_race(bearing)
+        && line.search.line != DefectLine::TwoBsf
+        && side
+            .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
 }
 
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this

@@ -167,11 +167,11 @@ fn a_line_heard_best_where_the_shaft_explains_it_is_nobodys_and_leaves_its_beari
     let own = || search(0, DefectLine::Bpfi, 0.6);
     let alone = judged(vec![own()], Vec::new());
     assert_eq!(alone[0].fault, Some(FaultMode::InnerRace), "{}", alone[0].why);
-    // At b it carries ten times the power, between harmonics of the shaft that are as deep: passing balls modulate
+    // At b it carries five times the power, between harmonics of the shaft that are as deep: passing balls modulate
     // the shaft's events.
     let louder = |shaft_depth: f64| {
         changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
-            reading.mean_square = 10.0;
+            reading.mean_square = 5.0;
             reading.shaft_depth = shaft_depth;
         })
     };

@@ -14,6 +14,7 @@ use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::overall;
 use crate::machine::BearingIndex;
+use crate::machine::bearing::Bearing;
 use crate::machine::bearing::RotatingRing;
 use crate::units::Hz;
 
@@ -131,6 +132,14 @@ pub(super) fn severity_of(ratio: f64) -> f64 {
     severity::of_ratio(ratio, GROWN_RATIO, DAMAGED_RATIO)
 }
 
+/// The line of a defect on the race that turns.
+pub(super) fn of_turning_race(bearing: &Bearing) -> DefectLine {
+    match bearing.rotating_ring {
+        RotatingRing::Inner => DefectLine::Bpfi,
+        RotatingRing::Outer => DefectLine::Bpfo,
+    }
+}
+
 /// Whether the line is that of the race that turns, of a bearing whose shaft moves more than it did (C9).
 fn is_loaded_by_the_shaft(
     line: &AbsoluteLine,
@@ -138,11 +147,7 @@ fn is_loaded_by_the_shaft(
     context: &Context<'_>,
 ) -> bool {
     let bearing = context.machine.bearing(line.bearing);
-    let of_turning_race = match bearing.rotating_ring {
-        RotatingRing::Inner => DefectLine::Bpfi,
-        RotatingRing::Outer => DefectLine::Bpfo,
-    };
-    line.line == of_turning_race && rotation::is_moved(bearing.shaft, features, context)
+    line.line == of_turning_race(bearing) && rotation::is_moved(bearing.shaft, features, context)
 }
 
 /// Ratio of a line's amplitude to its baseline, and the probability of that by chance; `None` if it is too small to
