@@ -15,9 +15,10 @@ use super::wire::problem::ProblemWire;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::robust;
 use crate::diagnosis::baseline::signed;
-use crate::diagnosis::baseline::signed::{MAX_BASELINES, Signed};
+use crate::diagnosis::baseline::signed::Signed;
 use crate::signal::Timestamp;
-use crate::store::{Act, BaselineStore, Held, StoreError, active_records};
+use crate::store;
+use crate::store::{Act, BaselineStore, Held, KeepError, active_records};
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -115,18 +116,8 @@ pub(super) async fn learn(
     let at = (desk(&state)?.wall_clock)();
     let (author, comment) = (&*body.author, &*body.comment);
     let signed = Signed::new(&id, (author, comment), at, records, &load_bins)?;
-    let held = change(&state, move |store| {
-        let held = store.baselines(&signed.machine)?;
-        if held.len() >= MAX_BASELINES {
-            return Ok(Err(ApiError::Conflict(format!(
-                "there are {MAX_BASELINES} baselines, as many as may be: remove one first"
-            ))));
-        }
-        let active = held.iter().filter(|held| held.is_active).map(|held| &held.signed);
-        store.learn(&signed, &signed.replaces(active, &load_bins))?;
-        Ok(Ok(Held { signed, is_active: true, is_intact: true }))
-    });
-    let held = held.await??;
+    let kept = on_store(&state, move |store| store::keep(store, signed, &load_bins));
+    let (held, _replaced) = kept.await??;
     hand_out(&state, handle).await?;
     let baseline = BaselineItemWire::new(&held);
     Ok((StatusCode::CREATED, Json(LearnedWire { baseline, warnings })))
@@ -162,23 +153,9 @@ pub(super) async fn activate(
     signed::check_by(&by.author, &by.comment)?;
     let at = (desk(&state)?.wall_clock)();
     let load_bins = handle.machine.limits.load_bins.clone();
-    let machine = id.clone();
-    let done = change(&state, move |store| {
-        let held = store.baselines(&machine)?;
-        let Some(found) = held.iter().find(|held| *held.signed.id == *bid) else {
-            return Ok(Err(unknown(&machine, &bid)));
-        };
-        if !found.is_intact {
-            let why = format!("the baseline {bid} is not as it was signed and cannot be used");
-            return Ok(Err(ApiError::Conflict(why)));
-        }
-        let active = held.iter().filter(|held| held.is_active).map(|held| &held.signed);
-        let replaced = found.signed.replaces(active, &load_bins);
+    let done = on_store(&state, move |store| {
         let act = Act { author: &by.author, comment: &by.comment, at };
-        Ok(match store.activate((&machine, &bid), &replaced, &act)? {
-            true => Ok(Held { is_active: true, ..found.clone() }),
-            false => Err(unknown(&machine, &bid)),
-        })
+        store::use_again(store, (&id, &bid), &load_bins, &act)
     });
     let held = done.await??;
     hand_out(&state, handle).await?;
@@ -222,11 +199,9 @@ pub(super) async fn remove(
     let handle = state.machine(&id)?;
     signed::check_by(&by.author, &by.comment)?;
     let at = (desk(&state)?.wall_clock)();
-    let machine = id.clone();
-    let done = change(&state, move |store| {
+    let done = on_store(&state, move |store| {
         let act = Act { author: &by.author, comment: &by.comment, at };
-        let is_removed = store.remove((&machine, &bid), &act)?;
-        Ok(if is_removed { Ok(()) } else { Err(unknown(&machine, &bid)) })
+        store::take_away(store, (&id, &bid), &act)
     });
     done.await??;
     hand_out(&state, handle).await?;
@@ -312,8 +287,8 @@ fn unknown(machine: &str, id: &str) -> ApiError {
 /// Works on the store beside the event loop. What was begun is ended, even when who asked has gone.
 async fn on_store<T: Send + 'static>(
     state: &ApiState,
-    work: impl FnOnce(&dyn BaselineStore) -> Result<T, StoreError> + Send + 'static,
-) -> Result<Result<T, StoreError>, ApiError> {
+    work: impl FnOnce(&dyn BaselineStore) -> T + Send + 'static,
+) -> Result<T, ApiError> {
     let store = Arc::clone(&desk(state)?.store);
     let done = tokio::task::spawn_blocking(move || work(&*store)).await;
     done.map_err(|error| {
@@ -327,15 +302,20 @@ async fn held(state: &ApiState, machine: &str) -> Result<Vec<Held>, ApiError> {
     Ok(on_store(state, move |store| store.baselines(&machine)).await??)
 }
 
-/// Changes something: a store that refuses is told, not only logged.
-async fn change<T: Send + 'static>(
-    state: &ApiState,
-    work: impl FnOnce(&dyn BaselineStore) -> Result<T, StoreError> + Send + 'static,
-) -> Result<T, ApiError> {
-    on_store(state, work).await?.map_err(|error| {
-        tracing::error!(%error, "a baseline cannot be stored");
-        ApiError::StoreRefused(error.to_string())
-    })
+impl From<KeepError> for ApiError {
+    /// A store that refuses is told, not only logged.
+    fn from(error: KeepError) -> Self {
+        match error {
+            KeepError::Store(error) => {
+                tracing::error!(%error, "a baseline cannot be stored");
+                Self::StoreRefused(error.to_string())
+            }
+            KeepError::TooMany { .. } | KeepError::NotIntact { .. } => {
+                Self::Conflict(error.to_string())
+            }
+            KeepError::Unknown { machine, id } => unknown(&machine, &id),
+        }
+    }
 }
 
 /// Has the shard use what is active now; a busy one is told again soon.

@@ -16,15 +16,16 @@ use crate::config::ConfigErrors;
 use crate::config::MachineConfig;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed;
-use crate::diagnosis::baseline::signed::MAX_BASELINES;
 use crate::diagnosis::baseline::signed::SignError;
 use crate::diagnosis::baseline::signed::Signed;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::store;
 use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::Held;
+use crate::store::KeepError;
 use crate::store::SqliteBaselines;
 use crate::store::StoreError;
 use clap::Args;
@@ -182,12 +183,8 @@ enum BaselineError {
     Unknown { machine: String, id: String },
     #[error("{n} baselines have an id that begins with {id:?}: write more of it")]
     Ambiguous { id: String, n: usize },
-    #[error("the baseline {id} is not as it was signed and cannot be used: remove it")]
-    NotIntact { id: Arc<str> },
-    #[error(
-        "there are {MAX_BASELINES} baselines of {machine:?}, as many as may be: remove one first"
-    )]
-    TooMany { machine: String },
+    #[error(transparent)]
+    Keep(#[from] KeepError),
 }
 
 /// Works on baselines; exit code 0, or 2 when nothing was done.
@@ -246,14 +243,8 @@ fn learn(arguments: &LearnArguments) -> Result<String, BaselineError> {
     let bins = &machine.limits.load_bins;
     let signed = Signed::new(&machine.id, (author, comment), app::wall_clock(), records, bins)?;
     let store = SqliteBaselines::open(&config.store.directory)?;
-    let held = store.baselines(&machine.id)?;
-    if held.len() >= MAX_BASELINES {
-        return Err(BaselineError::TooMany { machine: machine.id.clone() });
-    }
-    let active = held.iter().filter(|held| held.is_active).map(|held| &held.signed);
-    let replaced = signed.replaces(active, bins);
-    store.learn(&signed, &replaced)?;
-    let mut text = line(&Held { signed, is_active: true, is_intact: true });
+    let (held, replaced) = store::keep(&store, signed, bins)?;
+    let mut text = line(&held);
     for id in replaced {
         text.push_str(&format!("takes the place of {id}\n"));
     }
@@ -285,7 +276,7 @@ fn show(arguments: &ShowArguments) -> Result<String, BaselineError> {
     let config = config::load(&arguments.of.config)?;
     let entry = machine(&config, arguments.of.machine.as_deref())?;
     let store = SqliteBaselines::open(&config.store.directory)?;
-    let (held, _) = find(&store, &entry.machine.id, &arguments.id)?;
+    let held = find(&store, &entry.machine.id, &arguments.id)?;
     if arguments.format == Format::Json {
         return Ok(serde_json::to_string_pretty(&BaselineDetailWire::new(&held))? + "\n");
     }
@@ -308,15 +299,10 @@ fn activate(arguments: &OneArguments) -> Result<String, BaselineError> {
     let config = config::load(&arguments.of.config)?;
     let machine = &machine(&config, arguments.of.machine.as_deref())?.machine;
     let store = SqliteBaselines::open(&config.store.directory)?;
-    let (found, all) = find(&store, &machine.id, &arguments.id)?;
-    if !found.is_intact {
-        return Err(BaselineError::NotIntact { id: found.signed.id });
-    }
-    let active = all.iter().filter(|held| held.is_active).map(|held| &held.signed);
-    let replaced = found.signed.replaces(active, &machine.limits.load_bins);
+    let found = find(&store, &machine.id, &arguments.id)?;
     let act = Act { author, comment, at: app::wall_clock() };
-    store.activate((&machine.id, &found.signed.id), &replaced, &act)?;
-    Ok(line(&Held { is_active: true, ..found }))
+    let meant = (&*machine.id, &*found.signed.id);
+    Ok(line(&store::use_again(&store, meant, &machine.limits.load_bins, &act)?))
 }
 
 fn remove(arguments: &OneArguments) -> Result<String, BaselineError> {
@@ -325,22 +311,18 @@ fn remove(arguments: &OneArguments) -> Result<String, BaselineError> {
     let config = config::load(&arguments.of.config)?;
     let machine = &machine(&config, arguments.of.machine.as_deref())?.machine;
     let store = SqliteBaselines::open(&config.store.directory)?;
-    let (found, _) = find(&store, &machine.id, &arguments.id)?;
+    let found = find(&store, &machine.id, &arguments.id)?;
     let act = Act { author, comment, at: app::wall_clock() };
-    store.remove((&machine.id, &found.signed.id), &act)?;
+    store::take_away(&store, (&machine.id, &found.signed.id), &act)?;
     Ok(format!("{} removed\n", found.signed.id))
 }
 
-/// The baseline whose id begins so, and all of the machine.
-fn find(
-    store: &SqliteBaselines,
-    machine: &str,
-    id: &str,
-) -> Result<(Held, Vec<Held>), BaselineError> {
+/// The baseline whose id begins so.
+fn find(store: &SqliteBaselines, machine: &str, id: &str) -> Result<Held, BaselineError> {
     let all = store.baselines(machine)?;
     let mut begin = all.iter().filter(|held| !id.is_empty() && held.signed.id.starts_with(id));
     match (begin.next(), begin.count()) {
-        (Some(found), 0) => Ok((found.clone(), all)),
+        (Some(found), 0) => Ok(found.clone()),
         (Some(_), n) => Err(BaselineError::Ambiguous { id: id.to_owned(), n: n + 1 }),
         (None, _) => Err(BaselineError::Unknown { machine: machine.to_owned(), id: id.to_owned() }),
     }

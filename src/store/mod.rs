@@ -5,6 +5,7 @@
 //! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
 
 mod baselines;
+mod keep;
 mod names;
 mod rows;
 mod schema;
@@ -12,6 +13,7 @@ pub mod sqlite;
 pub mod writer;
 
 pub use baselines::SqliteBaselines;
+pub use keep::{KeepError, keep, take_away, use_again};
 
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;

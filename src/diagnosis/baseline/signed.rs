@@ -8,11 +8,9 @@ use super::robust;
 use super::state::OperatingPoint;
 use crate::signal::Timestamp;
 use crate::units::Hz;
+use sha2::Digest as _;
+use sha2::Sha256;
 use std::sync::Arc;
-
-/// FNV-1a with 128 bits: offset basis and prime.
-const BASIS: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
-const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
 
 /// Longest author or comment, in characters.
 pub const MAX_TEXT_CHARS: usize = 2000;
@@ -23,7 +21,7 @@ pub const MAX_BASELINES: usize = 200;
 /// A signed baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signed {
-    /// 32 hexadecimal digits, from the content.
+    /// 64 hexadecimal digits: SHA-256 of the content.
     pub id: Arc<str>,
     /// Machine id.
     pub machine: String,
@@ -159,7 +157,7 @@ impl Signed {
 
     /// Digest of everything but the id.
     fn digest(&self) -> String {
-        let mut digest = Digest(BASIS);
+        let mut digest = Content::default();
         digest.text("rotorwatch-baseline-1");
         for text in [&self.machine, &self.author, &self.comment] {
             digest.text(text);
@@ -169,18 +167,21 @@ impl Signed {
         for record in &self.records {
             digest.record(record);
         }
-        format!("{:032x}", digest.0)
+        digest.hexadecimal()
     }
 }
 
-/// FNV-1a over parts that each say where they end.
-struct Digest(u128);
+/// Digests parts that each say where they end.
+#[derive(Default)]
+struct Content(Sha256);
 
-impl Digest {
+impl Content {
+    fn hexadecimal(self) -> String {
+        self.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
     fn bytes(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 = (self.0 ^ u128::from(*byte)).wrapping_mul(PRIME);
-        }
+        self.0.update(bytes);
     }
 
     fn count(&mut self, count: usize) {
@@ -241,23 +242,19 @@ mod tests {
         Signed::new("rig-1", ("A. Berg", "new bearing"), Timestamp(5), records, &[])
     }
 
-    /// Published values of FNV-1a with 128 bits.
+    /// The example of FIPS 180-4.
     #[test]
-    fn the_digest_is_fnv_1a() {
-        let of = |text: &str| {
-            let mut digest = Digest(BASIS);
-            digest.bytes(text.as_bytes());
-            format!("{:032x}", digest.0)
-        };
-        assert_eq!(of(""), "6c62272e07bb014262b821756295c58d");
-        assert_eq!(of("a"), "d228cb696f1a8caf78912b704e4a8964");
-        assert_eq!(of("foobar"), "343e1662793c64bf6f0d3597ba446f18");
+    fn the_digest_is_sha_256() {
+        let mut digest = Content::default();
+        digest.bytes(b"abc");
+        let published = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(digest.hexadecimal(), published);
     }
 
     #[test]
     fn the_id_is_that_of_the_content_and_of_nothing_else() {
         let signed = sign(vec![record("a", 10.0), record("b", 10.1)]).unwrap();
-        assert!(signed.is_intact() && signed.id.len() == 32);
+        assert!(signed.is_intact() && signed.id.len() == 64);
         assert_eq!(signed.id, sign(vec![record("a", 10.0), record("b", 10.1)]).unwrap().id);
         let changes: [fn(&mut Signed); 10] = [
             |s| s.machine.push('x'),

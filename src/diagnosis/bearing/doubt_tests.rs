@@ -186,6 +186,23 @@ fn a_line_heard_best_where_the_shaft_explains_it_is_nobodys_and_leaves_its_beari
 }
 
 #[test]
+fn a_line_of_the_race_at_rest_that_turns_with_the_shaft_leaves_nothing_open() {
+    let beside = |line: DefectLine, turns: bool| {
+        let side_band = turns.then(|| harmonic(0.3));
+        let own = changed(search(0, line, 0.6), |reading| reading.side_band = side_band);
+        let louder = changed(search(1, line, 0.6), |reading| {
+            reading.mean_square = 5.0;
+            reading.shaft_depth = 1.5;
+        });
+        judged(vec![own, louder], Vec::new()).remove(0).state
+    };
+    assert_eq!(beside(DefectLine::Bpfo, true), State::Healthy);
+    // Without side bands at 1x, or of the race that turns, it may be a defect's.
+    assert_eq!(beside(DefectLine::Bpfo, false), State::Undetermined);
+    assert_eq!(beside(DefectLine::Bpfi, true), State::Undetermined);
+}
+
+#[test]
 fn a_cage_is_accused_from_full_modulation_on() {
     // Two harmonics: D = √2 of the depth of each, 0.85 and 1.13.
     let of = |depth: f64| judged(vec![search(0, DefectLine::Ftf, depth)], Vec::new()).remove(0);
