@@ -17,6 +17,9 @@ use crate::dsp::stats::Moments;
 /// A part of y below this share of y's RMS is rounding, not signal.
 const ROUNDING: f64 = 1e-12;
 
+/// Tooth pitches over which energy is looked for: a blow rings on while the next teeth pass.
+pub const WIDTHS: [usize; 3] = [1, 2, 4];
+
 /// Splits a synchronous average of `n` points into regular, residual and difference signal (D23).
 #[derive(Debug)]
 pub struct GearPlan {
@@ -60,8 +63,8 @@ pub struct GearFigures {
 /// Where in the revolution the difference signal has its energy (D25).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Localisation {
-    /// Largest over mean squared envelope of d, both smoothed over one tooth pitch; ≥ 1.
-    pub peak_over_mean: f64,
+    /// Largest over mean squared envelope of d, smoothed over each of [`WIDTHS`] tooth pitches; ≥ 1.
+    pub peak_over_mean: [f64; WIDTHS.len()],
     /// Centre of the peak, revolutions after the tacho edge, 0…1.
     pub centre_rev: f64,
 }
@@ -76,6 +79,31 @@ impl GearPlan {
         max_order: usize,
         cache: &mut FftCache<f64>,
     ) -> Option<Self> {
+        Self::in_orders(n, teeth, max_order, |_| true, cache)
+    }
+
+    /// The same with a difference and a residual signal of those orders alone that lie in (h ± ½)·z: what one
+    /// harmonic of the mesh carries (D23). `None` too if that harmonic is not inside.
+    #[must_use]
+    pub fn around(
+        harmonic: usize,
+        n: usize,
+        teeth: usize,
+        max_order: usize,
+        cache: &mut FftCache<f64>,
+    ) -> Option<Self> {
+        let is_near = move |k: usize| (2 * k).abs_diff(2 * harmonic * teeth) <= teeth;
+        let plan = Self::in_orders(n, teeth, max_order, is_near, cache)?;
+        (1..=plan.n_harmonics).contains(&harmonic).then_some(plan)
+    }
+
+    fn in_orders(
+        n: usize,
+        teeth: usize,
+        max_order: usize,
+        is_inside: impl Fn(usize) -> bool + Copy,
+        cache: &mut FftCache<f64>,
+    ) -> Option<Self> {
         let top = max_order.min(n.checked_sub(1)? / 2);
         let n_harmonics = top.checked_sub(1)?.checked_div(teeth)?;
         if n_harmonics == 0 {
@@ -84,11 +112,12 @@ impl GearPlan {
         let is_mesh = |k: usize| k > 0 && k.is_multiple_of(teeth) && k / teeth <= n_harmonics;
         let is_side = move |k: usize| is_mesh(k + 1) || (k > 0 && is_mesh(k - 1));
         let is_shaft = |k: usize| k == 1 || k == 2;
-        let is_kept = move |k: usize| k > 0 && !is_shaft(k) && !is_mesh(k) && !is_side(k);
+        let is_free = move |k: usize| !is_shaft(k) && !is_mesh(k) && !is_side(k);
+        let is_kept = move |k: usize| k > 0 && is_inside(k) && is_free(k);
         let keep = |yes: bool| if yes { 1.0 } else { 0.0 };
         let bins = 0..fft::n_bins(n);
         // An order in S or G that is also hz ± 1 counts there: the residual must not hold it.
-        let only_side = move |k: usize| is_side(k) && !is_shaft(k) && !is_mesh(k);
+        let only_side = move |k: usize| is_inside(k) && is_side(k) && !is_shaft(k) && !is_mesh(k);
         let zeros = vec![0.0; n];
         Some(Self {
             teeth,
@@ -211,13 +240,19 @@ impl GearPlan {
         if rms <= ROUNDING * Moments::of(&self.regular).rms()? {
             return None;
         }
-        self.smooth_envelope();
         let n = self.envelope.len();
-        let mean = self.envelope.iter().sum::<f64>() / n as f64;
+        let mut peak_over_mean = [1.0; WIDTHS.len()];
+        let (mut at, mut peak) = (0, 0.0);
         let larger = |a: (usize, f64), b: (usize, f64)| if b.1 > a.1 { b } else { a };
-        let (at, peak) = self.envelope.iter().copied().enumerate().fold((0, 0.0), larger);
-        if mean <= 0.0 {
-            return None;
+        // The narrowest last: it says where.
+        for (found, width) in peak_over_mean.iter_mut().zip(WIDTHS).rev() {
+            self.smooth_envelope(width);
+            let mean = self.envelope.iter().sum::<f64>() / n as f64;
+            (at, peak) = self.envelope.iter().copied().enumerate().fold((0, 0.0), larger);
+            if mean <= 0.0 {
+                return None;
+            }
+            *found = peak / mean;
         }
         // Centre of mass of what stands above half the peak around it, the revolution being a circle.
         let (mut weight, mut moment) = (peak, 0.0);
@@ -232,7 +267,7 @@ impl GearPlan {
             }
         }
         let centre_rev = ((at as f64 + moment / weight) / n as f64).rem_euclid(1.0);
-        Some(Localisation { peak_over_mean: peak / mean, centre_rev })
+        Some(Localisation { peak_over_mean, centre_rev })
     }
 
     /// Power of the difference signal's mean over `blocks` within one tooth pitch around
@@ -247,7 +282,7 @@ impl GearPlan {
     /// If a block does not have the plan's length.
     pub fn persistence(&mut self, blocks: &[Vec<f64>], centre_rev: f64) -> Option<f64> {
         let n = self.analytic.len();
-        let width = self.pitch_points();
+        let width = self.pitch_points(1);
         let first = floor_index((centre_rev.rem_euclid(1.0) * n as f64).round()) + n - width / 2;
         let mut sums = vec![Complex::<f64>::zero(); width];
         let mut squares = 0.0;
@@ -267,16 +302,16 @@ impl GearPlan {
         (blocks.len() > 1 && scatter > ROUNDING * squares).then(|| of_mean / scatter)
     }
 
-    /// Points of one tooth pitch, odd, so that what is taken over it is centred.
-    fn pitch_points(&self) -> usize {
+    /// Points of some tooth pitches, odd, so that what is taken over them is centred.
+    fn pitch_points(&self, pitches: usize) -> usize {
         let n = self.analytic.len();
-        (n / self.teeth / 2 * 2 + 1).min(n)
+        (pitches * n / self.teeth / 2 * 2 + 1).min(n)
     }
 
-    /// Squared envelope of d, averaged over one tooth pitch around each point.
-    fn smooth_envelope(&mut self) {
+    /// Squared envelope of d, averaged over some tooth pitches around each point.
+    fn smooth_envelope(&mut self, pitches: usize) {
         let n = self.analytic.len();
-        let width = self.pitch_points();
+        let width = self.pitch_points(pitches);
         let half = width / 2;
         let e2 = |place: usize| self.analytic[place % n].norm_sqr();
         for (i, smooth) in self.envelope.iter_mut().enumerate() {
@@ -378,6 +413,25 @@ mod tests {
     }
 
     #[test]
+    fn around_a_harmonic_its_orders_alone_are_left() {
+        let mut plan = GearPlan::around(2, N, TEETH, 200, &mut FftCache::new()).unwrap();
+        // 2·28 ± 14: orders 42 to 70.
+        let (inside, side, edge) = (order(50.0, 0.5), order(57.0, 0.4), order(70.0, 0.2));
+        let others = [order(41.0, 1.0), order(71.0, 1.0), order(10.0, 2.0), order(29.0, 1.0)];
+        let all = [&[inside.clone(), side.clone(), edge.clone(), order(56.0, 3.0)][..], &others];
+        plan.process(&sum(&all.concat()));
+        for i in 0..N {
+            // Rounding of an FFT of values of 10.
+            assert!((plan.difference()[i] - inside[i] - edge[i]).abs() < 1e-13);
+            assert!((plan.residual()[i] - inside[i] - edge[i] - side[i]).abs() < 1e-13);
+        }
+        // 7·28 + 1 is the last inside 200.
+        assert!(GearPlan::around(7, N, TEETH, 200, &mut FftCache::new()).is_some());
+        assert!(GearPlan::around(8, N, TEETH, 200, &mut FftCache::new()).is_none());
+        assert!(GearPlan::around(0, N, TEETH, 200, &mut FftCache::new()).is_none());
+    }
+
+    #[test]
     fn a_local_burst_is_found_where_it_is() {
         for centre in [0.02, 0.37, 0.99] {
             let burst = |i: usize| {
@@ -389,7 +443,7 @@ mod tests {
             let mut plan = plan();
             let figures = plan.process(&y);
             let found = plan.localise().unwrap();
-            assert!(figures.fm4.unwrap() > 10.0 && found.peak_over_mean > 8.0, "{found:?}");
+            assert!(figures.fm4.unwrap() > 10.0 && found.peak_over_mean[0] > 8.0, "{found:?}");
             let error = (found.centre_rev - centre + 0.5).rem_euclid(1.0) - 0.5;
             // A third of the tooth pitch 1/28.
             assert!(error.abs() < 0.012, "{centre}: {found:?}");

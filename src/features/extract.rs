@@ -463,9 +463,12 @@ fn gear_features(
     let gear = &machine.gear(reading.gear).id;
     let shaft = &machine.shaft(reading.shaft).id;
     let unit = channels[reading.channel.0].unit;
-    let name = gear::local_name(gear, shaft);
+    let name = gear::local_name(reading.part, gear, shaft);
     let mut features =
         vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    if reading.part != gear::Part::Whole {
+        return features;
+    }
     // An angle that drifts blurs high orders: their amplitudes do not compare.
     if reading.is_followed {
         features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {

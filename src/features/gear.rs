@@ -9,6 +9,7 @@ use crate::dsp::fft::FftCache;
 pub use crate::dsp::gear::GearFigures;
 use crate::dsp::gear::GearPlan;
 pub use crate::dsp::gear::Localisation;
+pub use crate::dsp::gear::WIDTHS;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::tsa::TsaPlan;
@@ -33,7 +34,22 @@ pub struct Input<'a> {
     pub range: (u64, u64),
 }
 
-/// One gear's average in one channel.
+/// Which orders of an average the difference signal holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// All.
+    Whole,
+    /// Those around mesh harmonic h, (h ± ½)·z: noise that rings elsewhere is left out.
+    Around(usize),
+}
+
+impl Part {
+    /// All parts that are read.
+    pub const ALL: [Self; 1 + MESH_HARMONICS] =
+        [Self::Whole, Self::Around(1), Self::Around(2), Self::Around(3)];
+}
+
+/// One part of one gear's average in one channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearReading {
     /// Which mesh.
@@ -42,6 +58,8 @@ pub struct GearReading {
     pub shaft: ShaftIndex,
     /// Which channel.
     pub channel: ChannelIndex,
+    /// Orders of the difference signal.
+    pub part: Part,
     /// Whole revolutions averaged.
     pub revolutions: usize,
     /// Whether a tacho gave the angle (else a constant speed, and no angle means anything).
@@ -81,10 +99,13 @@ pub const MESH_HARMONICS: usize = 3;
 /// of shaft harmonics is averaged on.
 const MIN_CONFIDENCE_WITHOUT_TACHO: f64 = 0.95;
 
-/// Name of the feature "local amplitude of the difference signal of `gear` over `shaft`".
+/// Name of the feature "local amplitude of the difference signal of `gear` over `shaft`, in these orders".
 #[must_use]
-pub fn local_name(gear: &str, shaft: &str) -> String {
-    format!("tsa_local_{gear}_{shaft}")
+pub fn local_name(part: Part, gear: &str, shaft: &str) -> String {
+    match part {
+        Part::Whole => format!("tsa_local_{gear}_{shaft}"),
+        Part::Around(h) => format!("tsa_local_{h}_{gear}_{shaft}"),
+    }
 }
 
 /// Name of the feature "amplitude of harmonic `h` of the mesh `gear` in the average over `shaft`".
@@ -129,8 +150,8 @@ pub fn read(
                     teeth: member.teeth,
                     max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
-                let read = task.run(input, track, cache);
-                found.extend(read.map(|r| GearReading {
+                let parts = task.run(input, track, cache);
+                found.extend(parts.into_iter().map(|r| GearReading {
                     gear: GearIndex(g),
                     shaft: member.shaft,
                     has_angle,
@@ -179,26 +200,45 @@ impl Average {
         input: &Input<'_>,
         track: &PhaseTrack,
         cache: &mut FftCache<f64>,
-    ) -> Option<GearReading> {
+    ) -> Vec<GearReading> {
         let points = floor_index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
         let order_kept = floor_index(0.43 * self.samples_per_rev.min(points as f64));
-        let teeth = usize::try_from(self.teeth).ok()?;
-        let mut plan = GearPlan::new(points, teeth, self.max_order.min(order_kept), cache)?;
         let tsa = TsaPlan::new(points, self.samples_per_rev);
         let mut y = vec![0.0_f64; points];
         let mut blocks = vec![y.clone(); N_BLOCKS];
         let revolutions = tsa.process_blocks(input.samples, self.rate, track, &mut y, &mut blocks);
         if revolutions < MIN_REVOLUTIONS {
-            return None;
+            return Vec::new();
         }
-        let figures = plan.process(&y);
+        let top = self.max_order.min(order_kept);
+        let read = |part| self.part(part, top, (&y, &blocks, revolutions), input, cache);
+        Part::ALL.into_iter().filter_map(read).collect()
+    }
+
+    /// Reads a part of the average `y` over `revolutions`, of those over parts of the record, in orders up to `top`.
+    fn part(
+        &self,
+        part: Part,
+        top: usize,
+        (y, blocks, revolutions): (&[f64], &[Vec<f64>], usize),
+        input: &Input<'_>,
+        cache: &mut FftCache<f64>,
+    ) -> Option<GearReading> {
+        let teeth = usize::try_from(self.teeth).ok()?;
+        let mut plan = match part {
+            Part::Whole => GearPlan::new(y.len(), teeth, top, cache),
+            Part::Around(h) => GearPlan::around(h, y.len(), teeth, top, cache),
+        }?;
+        let figures = plan.process(y);
         let mesh = std::array::from_fn(|i| plan.harmonic_amplitude(i + 1).unwrap_or(0.0));
         let localisation = plan.localise()?;
-        let local_amplitude = figures.difference_rms * (2.0 * localisation.peak_over_mean).sqrt();
+        let local_amplitude =
+            figures.difference_rms * (2.0 * localisation.peak_over_mean[0]).sqrt();
         Some(GearReading {
             gear: GearIndex(0),
             shaft: ShaftIndex(0),
             channel: input.channel,
+            part,
             revolutions,
             has_angle: false,
             is_followed: false,
@@ -206,9 +246,9 @@ impl Average {
             figures,
             localisation,
             local_amplitude,
-            persistence: plan.persistence(&blocks, localisation.centre_rev),
+            persistence: plan.persistence(blocks, localisation.centre_rev),
             teeth: self.teeth,
-            zero_crossing_deg: zero_crossing_deg(&y),
+            zero_crossing_deg: zero_crossing_deg(y),
             sample_range: input.range,
         })
     }
@@ -289,7 +329,8 @@ mod tests {
             range: (0, 100_000),
         };
         let mut found = read(&machine, &[channel], &speed, &[input], &mut FftCache::new());
-        assert_eq!(found.len(), 1, "a 1 : 1 pair is averaged once");
+        let whole = found.iter().filter(|r| r.part == Part::Whole);
+        assert_eq!(whole.count(), 1, "a 1 : 1 pair is averaged once");
         found.remove(0)
     }
 

@@ -19,6 +19,7 @@ use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::GearFinding;
 use crate::features::WindowFeatures;
 use crate::features::gear::GearReading;
+use crate::features::gear::Part;
 use crate::machine::GearIndex;
 use crate::machine::ShaftIndex;
 
@@ -48,9 +49,10 @@ pub(super) fn judge_gear(
         .collect();
     let cwt_up = signs.cwt.as_ref().is_some_and(Indicator::is_up);
     let heard_in = local.evidence.channel.as_str();
-    let reading = gear_place::reading((gear, shaft), heard_in, features, context);
+    let reading = gear_place::reading((gear, shaft), local, features, context);
     if let Some(reading) = reading {
-        verdict.evidence.extend(gear_place::figures(reading, context));
+        let whole = gear_place::beside(reading, shaft, Part::Whole, features, context);
+        verdict.evidence.extend(whole.into_iter().flat_map(|r| gear_place::figures(r, context)));
     }
     let mesh = reading.and_then(|reading| mesh_growth(reading, features, context));
     let wear = mesh.as_ref().and_then(|mesh| mesh.wear.as_ref());
@@ -118,7 +120,11 @@ fn accuse_of_a_tooth(
     let owner =
         reading.map_or(Owner::Shaft(shaft), |r| gear_place::owner(gear, r, features, context));
     verdict.gear = Some(match owner {
-        Owner::Shaft(shaft) => finding(gear, shaft, heard_in, features, context),
+        Owner::Shaft(shaft) => {
+            let over =
+                reading.and_then(|r| gear_place::beside(r, shaft, r.part, features, context));
+            finding(gear, shaft, over, context)
+        }
         Owner::Unclear => GearFinding::default(),
     });
 }
@@ -221,8 +227,7 @@ fn shaken_by<'m>(
 pub(super) fn finding(
     gear: GearIndex,
     shaft: ShaftIndex,
-    heard_in: &str,
-    features: &WindowFeatures,
+    reading: Option<&GearReading>,
     context: &Context<'_>,
 ) -> GearFinding {
     let described = context.machine.gear(gear);
@@ -232,7 +237,6 @@ pub(super) fn finding(
     } else {
         (GearSide::Driven, &described.driven)
     };
-    let reading = gear_place::reading((gear, shaft), heard_in, features, context);
     let mut finding =
         GearFinding { member: (!one_to_one).then_some(side), ..GearFinding::default() };
     if let Some(reading) = reading.filter(|r| r.has_angle) {

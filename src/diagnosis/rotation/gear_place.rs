@@ -1,6 +1,8 @@
 //! What the energy of a gear's average is of: one tooth, all teeth, or neither; and of which member.
 
 use super::UP_RATIO;
+use super::gear_signs;
+use super::signs::Indicator;
 use super::signs::same_speed;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
@@ -9,6 +11,7 @@ use crate::features::ChannelFeatures;
 use crate::features::WindowFeatures;
 use crate::features::gear;
 use crate::features::gear::GearReading;
+use crate::features::gear::Part;
 use crate::machine::GearIndex;
 use crate::machine::ShaftIndex;
 use crate::units::Unit;
@@ -32,38 +35,62 @@ const SAME: f64 = 0.75;
 /// average over all keeps 1/n.
 const HALF: f64 = 0.6;
 
-/// Probability that of `z` teeth whose energy scatters by chance one has `q` times the mean of all (C21): C1 of its
-/// power over the mean of the others, ν = z − 1, times z.
-fn chance_of_one(q: f64, z: f64) -> f64 {
-    // Mean of the others: (z − q)/(z − 1) of the mean of all.
-    let others = (z - q) / (z - 1.0);
-    if others <= 0.0 {
-        return 0.0;
+/// Probability that of `teeth` teeth whose energy scatters by chance `width` in a row have `q` times the mean of all (C21):
+/// their share of all is Beta(m, z − m), times the z places.
+fn chance_of_place(q: f64, width: usize, teeth: u32) -> f64 {
+    let (z, m) = (f64::from(teeth), width as f64);
+    let share = m * q / z;
+    if share >= 1.0 || m >= z {
+        return if m >= z { 1.0 } else { 0.0 };
     }
-    (confidence::cell_tail(q / others, z - 1.0) * z).min(1.0)
+    // Tail of the binomial that is the tail of Beta: Σ_{j < m} C(z − 1, j)·s^j·(1 − s)^(z − 1 − j).
+    let mut term = (1.0 - share).powf(z - 1.0);
+    let mut tail = term;
+    for j in 1..width {
+        let j = j as f64;
+        term *= share / (1.0 - share) * (z - j) / j;
+        tail += term;
+    }
+    (tail * z).min(1.0)
 }
 
-/// The same of a gear's average.
+/// The least of the widths of a gear's average, times their number.
 pub(super) fn chance_of_one_tooth(reading: &GearReading) -> f64 {
-    chance_of_one(reading.localisation.peak_over_mean, f64::from(reading.teeth))
+    let places = reading.localisation.peak_over_mean.iter().zip(gear::WIDTHS);
+    let least = places.map(|(q, width)| chance_of_place(*q, width, reading.teeth));
+    (least.fold(1.0, f64::min) * gear::WIDTHS.len() as f64).min(1.0)
 }
 
 pub(super) fn is_one_tooth(reading: &GearReading) -> bool {
     chance_of_one_tooth(reading) <= ONE_TOOTH
 }
 
-/// The average of a gear over a shaft (or one of its speed) in the channel of this name.
+/// The average of a gear over a shaft (or one of its speed) behind a local amplitude.
 pub(super) fn reading<'a>(
     (gear, shaft): (GearIndex, ShaftIndex),
-    channel: &str,
+    local: &Indicator,
     features: &'a WindowFeatures,
     context: &Context<'_>,
 ) -> Option<&'a GearReading> {
     let readings = features.gears.iter();
     readings
         .filter(|r| r.gear == gear && same_speed(r.shaft, shaft, context))
-        .filter(|r| context.channel_name(r.channel) == channel)
-        .max_by(|a, b| a.local_amplitude.total_cmp(&b.local_amplitude))
+        .filter(|r| context.channel_name(r.channel) == local.evidence.channel)
+        .find(|r| gear_signs::is_of(r, &local.name, context))
+}
+
+/// The same gear and channel over another shaft or in other orders.
+pub(super) fn beside<'a>(
+    found: &GearReading,
+    shaft: ShaftIndex,
+    part: Part,
+    features: &'a WindowFeatures,
+    context: &Context<'_>,
+) -> Option<&'a GearReading> {
+    let readings = features.gears.iter();
+    readings
+        .filter(|r| (r.gear, r.channel, r.part) == (found.gear, found.channel, part))
+        .find(|r| same_speed(r.shaft, shaft, context))
 }
 
 /// Whose tooth it is.
@@ -83,7 +110,7 @@ pub(super) fn owner(
     context: &Context<'_>,
 ) -> Owner {
     let others = features.gears.iter().filter(|r| {
-        (r.gear, r.channel) == (gear, found.channel)
+        (r.gear, r.channel, r.part) == (gear, found.channel, found.part)
             && !same_speed(r.shaft, found.shaft, context)
             && is_one_tooth(r)
     });
@@ -217,15 +244,18 @@ mod tests {
     use rand::SeedableRng;
     use rand_pcg::Pcg64Mcg;
 
-    /// Of z teeth with exponential powers, how often the highest exceeds `q` times the mean of all.
-    fn share_above(q: f64, z: u32) -> f64 {
+    /// Of z teeth with exponential powers in a circle, how often `width` in a row exceed `q` times the mean of all.
+    fn share_above(q: f64, width: usize, z: u32) -> f64 {
         const TRIES: u32 = 20_000;
         let mut random = Pcg64Mcg::seed_from_u64(7);
         let mut n = 0_u32;
         for _ in 0..TRIES {
-            let powers = (0..z).map(|_| -random.random_range(f64::MIN_POSITIVE..1.0_f64).ln());
-            let (sum, most) = powers.fold((0.0, 0.0_f64), |(s, m), p| (s + p, m.max(p)));
-            n += u32::from(most * f64::from(z) >= q * sum);
+            let mut powers: Vec<f64> =
+                (0..z).map(|_| -random.random_range(f64::MIN_POSITIVE..1.0_f64).ln()).collect();
+            let mean = powers.iter().sum::<f64>() / f64::from(z);
+            powers.extend_from_within(..width - 1);
+            let in_a_row = powers.windows(width).map(|row| row.iter().sum::<f64>() / width as f64);
+            n += u32::from(in_a_row.fold(0.0, f64::max) >= q * mean);
         }
         f64::from(n) / f64::from(TRIES)
     }
@@ -233,13 +263,30 @@ mod tests {
     #[test]
     fn the_chance_of_one_tooth_is_that_of_scattering_teeth() {
         for (z, q) in [(20_u32, 6.0), (20, 7.0), (60, 8.0), (60, 9.5)] {
-            let told = chance_of_one(q, f64::from(z));
-            let found = share_above(q, z);
+            let told = chance_of_place(q, 1, z);
+            let found = share_above(q, 1, z);
             // Bonferroni's sum is exact where two teeth cannot both stand out; 4 σ of the count.
             let sigma = (told / 20_000.0).sqrt();
             assert!((found - told).abs() < 4.0 * sigma + 0.1 * told, "{z} {q}: {found} {told}");
         }
+        // Places of several teeth overlap: the sum is an upper bound, and no more than their number above it.
+        for (z, width, q) in [(20_u32, 2, 4.5), (60, 2, 5.5), (30, 4, 3.2), (60, 4, 3.6)] {
+            let told = chance_of_place(q, width, z);
+            let found = share_above(q, width, z);
+            let sigma = (told / 20_000.0).sqrt();
+            let (most, least) = (told + 4.0 * sigma, told / width as f64 - 4.0 * sigma);
+            assert!((least..most).contains(&found), "{z} {width} {q}: {found} {told}");
+        }
+        assert_eq!((chance_of_place(25.0, 1, 20), chance_of_place(1.0, 4, 4)), (0.0, 1.0));
     }
+
+    #[test]
+    fn a_blow_that_rings_over_several_teeth_stands_out_where_none_of_them_alone_does() {
+        // Of 24 teeth four have 4.5 times the mean of all, each.
+        assert!(chance_of_place(4.5, 1, 24) > 0.1);
+        assert!(chance_of_place(4.5, 4, 24) < 1e-4);
+    }
+
     /// Amplitude that an average over many turns keeps of a place struck in every `n`-th of them.
     fn averaged(n: u32) -> f64 {
         let turns = 1200;

@@ -46,20 +46,28 @@ pub(super) fn hearing_best<'a>(
 }
 
 /// Probability that what stands in the average of a gear would stay at its place of the revolution
-/// by chance (C8): the tail C1 of D26 with ν = B − 1, times the teeth it may have sat at.
+/// by chance (C8): the tail C1 of D26 with ν = B − 1, times the teeth it may have sat at and the parts of
+/// the average.
 pub(super) fn chance_of_persistence(reading: &GearReading) -> f64 {
     let nu = gear::N_BLOCKS as f64 - 1.0;
     // Parts of the record that do not differ at all hold nothing of chance.
     let tail = reading.persistence.map_or(0.0, |z| confidence::cell_tail(z, nu));
-    (tail * f64::from(reading.teeth)).min(1.0)
+    (tail * f64::from(reading.teeth) * gear::Part::ALL.len() as f64).min(1.0)
 }
 
-/// Whether the energy heard in `channel` stays at its place: a bearing's line near an order of the
+/// Whether the feature `name` is the local amplitude of this reading.
+pub(super) fn is_of(reading: &GearReading, name: &str, context: &Context<'_>) -> bool {
+    let machine = context.machine;
+    let (gear, shaft) = (&machine.gear(reading.gear).id, &machine.shaft(reading.shaft).id);
+    gear::local_name(reading.part, gear, shaft) == name
+}
+
+/// Whether the energy of the feature `name` heard in `channel` stays at its place: a bearing's line near an order of the
 /// shaft is left in an average too, but wanders.
 pub(super) fn persists(
-    gear: GearIndex,
-    shaft: ShaftIndex,
+    (gear, shaft): (GearIndex, ShaftIndex),
     channel: ChannelIndex,
+    name: &str,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
@@ -67,5 +75,6 @@ pub(super) fn persists(
         .gears
         .iter()
         .filter(|r| (r.gear, r.channel) == (gear, channel) && same_speed(r.shaft, shaft, context))
+        .filter(|r| is_of(r, name, context))
         .any(|r| chance_of_persistence(r) <= context.false_alarm_probability)
 }

@@ -20,6 +20,8 @@ use crate::units::Unit;
 /// One indicator against the baseline, the strongest of its channels.
 #[derive(Debug, Clone)]
 pub(super) struct Indicator {
+    /// Name of the feature.
+    pub(super) name: String,
     pub(super) ratio: f64,
     pub(super) probability: f64,
     /// What the probability is held to.
@@ -78,7 +80,7 @@ pub(super) fn signs(
     let housings = of_kind(SensorKind::Accelerometer);
     let line = shaft::line_name(1, id);
     // A 1× that is lost in noise has no ratio: its amplitude is the noise's, which scatters widely.
-    let shows_line = |channel: &&ChannelFeatures| {
+    let shows_line = |channel: &ChannelFeatures, _: &str| {
         features.shaft_lines.iter().any(|l| {
             (l.shaft, l.channel) == (shaft, channel.channel)
                 && confidence::cell_tail(l.power_ratio, l.floor_dof) * shaft::LINE_CELLS
@@ -87,7 +89,7 @@ pub(super) fn signs(
     };
     let displacement =
         strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
-    let any = |_: &&ChannelFeatures| true;
+    let any = |_: &ChannelFeatures, _: &str| true;
     let single = shaft::cwt_name(id);
     let absolute = format!("absolute_{single}");
     let cwt = strongest(&housings, &[absolute], features, context, &any)
@@ -101,12 +103,13 @@ pub(super) fn signs(
             let names: Vec<String> = [described.driving.shaft, described.driven.shaft]
                 .into_iter()
                 .filter(|s| same_speed(*s, shaft, context))
-                .map(|s| gear::local_name(&described.id, &machine.shaft(s).id))
+                .map(|s| &machine.shaft(s).id)
+                .flat_map(|s| gear::Part::ALL.map(|part| gear::local_name(part, &described.id, s)))
                 .collect();
             let gear = GearIndex(g);
             let heard = gear_signs::hearing_best(gear, &names, features, context);
-            let persists = |c: &&ChannelFeatures| {
-                gear_signs::persists(gear, shaft, c.channel, features, context)
+            let persists = |c: &ChannelFeatures, name: &str| {
+                gear_signs::persists((gear, shaft), c.channel, name, features, context)
             };
             (gear, strongest(&heard, &names, features, context, &persists))
         })
@@ -143,7 +146,7 @@ pub(super) fn strongest(
     names: &[String],
     features: &WindowFeatures,
     context: &Context<'_>,
-    shows: &dyn Fn(&&ChannelFeatures) -> bool,
+    shows: &dyn Fn(&ChannelFeatures, &str) -> bool,
 ) -> Option<Indicator> {
     let mut found: Vec<Indicator> = Vec::new();
     for channel in channels {
@@ -160,7 +163,7 @@ pub(super) fn strongest(
             let mut sign = indicator(name, channel_name, channel, comparison, features);
             sign.rest = rest.map(|c| c.ratio);
             sign.allowed = context.false_alarm_probability;
-            if !shows(channel) {
+            if !shows(channel, name) {
                 sign.probability = 1.0;
             }
             found.push(sign);
@@ -187,6 +190,7 @@ pub(super) fn indicator(
 ) -> Indicator {
     let probability = confidence::normal_tail(comparison.z());
     Indicator {
+        name: name.to_owned(),
         ratio: comparison.ratio,
         probability,
         allowed: confidence::FALSE_ALARM_PROBABILITY,

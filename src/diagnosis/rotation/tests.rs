@@ -14,6 +14,7 @@ use crate::features::WindowFeatures;
 use crate::features::gear::GearFigures;
 use crate::features::gear::GearReading;
 use crate::features::gear::Localisation;
+use crate::features::gear::Part;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
@@ -135,11 +136,12 @@ pub(super) fn features(signs: Signs) -> Vec<ChannelFeatures> {
 }
 
 /// The average behind `tsa_local_mesh_motor`.
-fn gear_reading(persistence: f64, peak_over_mean: f64) -> GearReading {
+fn gear_reading(persistence: f64, peak: f64) -> GearReading {
     GearReading {
         gear: GearIndex(0),
         shaft: ShaftIndex(0),
         channel: ChannelIndex(1),
+        part: Part::Whole,
         revolutions: 99,
         has_angle: true,
         is_followed: true,
@@ -155,7 +157,7 @@ fn gear_reading(persistence: f64, peak_over_mean: f64) -> GearReading {
             difference_rms: 1.0,
             mesh_amplitude: 1.0,
         },
-        localisation: Localisation { peak_over_mean, centre_rev: 0.5 },
+        localisation: Localisation { peak_over_mean: [peak, 1.0, 1.0], centre_rev: 0.5 },
         local_amplitude: 1.0,
         persistence: Some(persistence),
         teeth: 28,
@@ -357,9 +359,9 @@ fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
         let gear = of(&verdicts, "mesh");
         (gear.state, gear.fault)
     };
-    // (1 + z/7)^−7·28 ≤ 10⁻³ from z = 23.2 on.
-    assert_eq!(gear(22.0), (State::Healthy, None));
-    assert_eq!(gear(25.0), (State::Warning, Some(FaultMode::ToothDamage)));
+    // (1 + z/7)^−7·28·4 ≤ 10⁻³ from z = 29.8 on.
+    assert_eq!(gear(29.0), (State::Healthy, None));
+    assert_eq!(gear(31.0), (State::Warning, Some(FaultMode::ToothDamage)));
 }
 
 #[test]
