@@ -466,6 +466,11 @@ fn gear_features(
     let name = gear::local_name(reading.part, gear, shaft);
     let mut features =
         vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    features.extend(reading.shape.map(|shape| Feature {
+        name: Arc::from(gear::shape_name(reading.part, gear, shaft)),
+        value: shape.deviation,
+        unit,
+    }));
     if reading.part != gear::Part::Whole {
         return features;
     }

@@ -5,6 +5,7 @@
 //! F10).
 
 use super::speed::Speed;
+use crate::dsp::demodulate::MeshDemodPlan;
 use crate::dsp::fft::FftCache;
 pub use crate::dsp::gear::GearFigures;
 use crate::dsp::gear::GearPlan;
@@ -12,6 +13,7 @@ pub use crate::dsp::gear::Localisation;
 pub use crate::dsp::gear::WIDTHS;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
+use crate::dsp::stats::Moments;
 use crate::dsp::tsa::TsaPlan;
 use crate::machine::GearIndex;
 use crate::machine::Machine;
@@ -49,6 +51,22 @@ impl Part {
         [Self::Whole, Self::Around(1), Self::Around(2), Self::Around(3)];
 }
 
+/// Spread and peakedness of a signal over the revolution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// Standard deviation, unit of the channel.
+    pub deviation: f64,
+    /// Kurtosis; 3 of Gaussian noise.
+    pub kurtosis: f64,
+}
+
+impl Shape {
+    fn of(x: &[f64]) -> Option<Self> {
+        let moments = Moments::of(x);
+        Some(Self { deviation: moments.variance()?.sqrt(), kurtosis: moments.kurtosis()? })
+    }
+}
+
 /// One part of one gear's average in one channel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearReading {
@@ -70,6 +88,10 @@ pub struct GearReading {
     pub mesh: [f64; MESH_HARMONICS],
     /// Figures of merit.
     pub figures: GearFigures,
+    /// Of the whole: the residual signal. Around a mesh harmonic: its amplitude demodulated (D65).
+    pub shape: Option<Shape>,
+    /// Around a mesh harmonic: how far its demodulated phase swings, rad peak to peak (D65).
+    pub phase_swing_rad: Option<f64>,
     /// Where the energy sits.
     pub localisation: Localisation,
     /// Largest amplitude of the difference signal, smoothed over one tooth, unit of the channel.
@@ -105,6 +127,15 @@ pub fn local_name(part: Part, gear: &str, shaft: &str) -> String {
     match part {
         Part::Whole => format!("tsa_local_{gear}_{shaft}"),
         Part::Around(h) => format!("tsa_local_{h}_{gear}_{shaft}"),
+    }
+}
+
+/// Name of the feature "standard deviation of the residual signal", or of the demodulated amplitude around a harmonic.
+#[must_use]
+pub fn shape_name(part: Part, gear: &str, shaft: &str) -> String {
+    match part {
+        Part::Whole => format!("tsa_residual_{gear}_{shaft}"),
+        Part::Around(h) => format!("tsa_envelope_{h}_{gear}_{shaft}"),
     }
 }
 
@@ -234,6 +265,10 @@ impl Average {
         let localisation = plan.localise()?;
         let local_amplitude =
             figures.difference_rms * (2.0 * localisation.peak_over_mean[0]).sqrt();
+        let (shape, phase_swing_rad) = match part {
+            Part::Whole => (Shape::of(plan.residual()), None),
+            Part::Around(h) => demodulated(y, teeth, h, cache),
+        };
         Some(GearReading {
             gear: GearIndex(0),
             shaft: ShaftIndex(0),
@@ -244,6 +279,8 @@ impl Average {
             is_followed: false,
             mesh,
             figures,
+            shape,
+            phase_swing_rad,
             localisation,
             local_amplitude,
             persistence: plan.persistence(blocks, localisation.centre_rev),
@@ -252,6 +289,24 @@ impl Average {
             sample_range: input.range,
         })
     }
+}
+
+/// Amplitude and swing of the phase of mesh harmonic `h` over the revolution `y`.
+fn demodulated(
+    y: &[f64],
+    teeth: usize,
+    h: usize,
+    cache: &mut FftCache<f64>,
+) -> (Option<Shape>, Option<f64>) {
+    let Some(mut mesh) = MeshDemodPlan::new(y.len(), teeth, h, cache) else { return (None, None) };
+    if !mesh.process(y) {
+        return (None, None);
+    }
+    let (least, most) = mesh
+        .phase_rad()
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), p| (l.min(*p), m.max(*p)));
+    (Shape::of(mesh.amplitude()), Some(most - least))
 }
 
 /// Angle at which the first harmonic of one revolution crosses zero upwards: with the component

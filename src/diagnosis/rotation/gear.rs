@@ -3,6 +3,7 @@
 use super::accuse;
 use super::acquit;
 use super::cannot_look;
+use super::gear_figures;
 use super::gear_place;
 use super::gear_place::Growth;
 use super::gear_place::Owner;
@@ -19,7 +20,6 @@ use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::GearFinding;
 use crate::features::WindowFeatures;
 use crate::features::gear::GearReading;
-use crate::features::gear::Part;
 use crate::machine::GearIndex;
 use crate::machine::ShaftIndex;
 
@@ -51,8 +51,7 @@ pub(super) fn judge_gear(
     let heard_in = local.evidence.channel.as_str();
     let reading = gear_place::reading((gear, shaft), local, features, context);
     if let Some(reading) = reading {
-        let whole = gear_place::beside(reading, shaft, Part::Whole, features, context);
-        verdict.evidence.extend(whole.into_iter().flat_map(|r| gear_place::figures(r, context)));
+        verdict.evidence.extend(gear_figures::figures(reading, features, context));
     }
     let mesh = reading.and_then(|reading| mesh_growth(reading, features, context));
     let wear = mesh.as_ref().and_then(|mesh| mesh.wear.as_ref());

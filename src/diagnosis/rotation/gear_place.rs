@@ -213,30 +213,6 @@ pub(super) fn outgrows(ratio: f64, mesh: Option<&Growth>) -> bool {
     })
 }
 
-/// The figures of merit behind a verdict, with what Gaussian noise has.
-pub(super) fn figures(found: &GearReading, context: &Context<'_>) -> Vec<Evidence> {
-    let figures =
-        [("fm4", found.figures.fm4), ("m6a", found.figures.m6a), ("m8a", found.figures.m8a)];
-    let machine = context.machine;
-    let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
-    let evidence = |(name, value): (&str, Option<f64>)| {
-        Some(Evidence {
-            indicator: format!("{name}_{gear}_{shaft}"),
-            channel: context.channel_name(found.channel).to_owned(),
-            detector: None,
-            frequency: None,
-            expected: None,
-            order: None,
-            value: value?,
-            unit: Unit::One,
-            threshold: None,
-            false_alarm_probability: None,
-            sample_range: Some(found.sample_range),
-        })
-    };
-    figures.into_iter().filter_map(evidence).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,6 +10,7 @@ mod shaft;
 mod run;
 mod gear;
 mod gear_signs;
+mod gear_figures;
 mod gear_place;
 
 use super::Context;

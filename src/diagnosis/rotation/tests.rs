@@ -15,6 +15,7 @@ use crate::features::gear::GearFigures;
 use crate::features::gear::GearReading;
 use crate::features::gear::Localisation;
 use crate::features::gear::Part;
+use crate::features::gear::Shape;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
@@ -113,6 +114,7 @@ pub(super) fn features(signs: Signs) -> Vec<ChannelFeatures> {
         unit: Unit::One,
     };
     let mut acc = vec![feature("cwt_1x_main", signs.once), feature("cwt_1x_motor", signs.once)];
+    acc.extend(["tsa_residual_mesh_motor", "tsa_envelope_1_mesh_motor"].map(|n| feature(n, 1.0)));
     acc.extend(signs.local.map(|r| feature("tsa_local_mesh_motor", r)));
     let harmonics = (1..).zip(signs.mesh);
     acc.extend(harmonics.map(|(h, r)| feature(&format!("tsa_mesh_{h}_mesh_motor"), r)));
@@ -157,6 +159,8 @@ fn gear_reading(persistence: f64, peak: f64) -> GearReading {
             difference_rms: 1.0,
             mesh_amplitude: 1.0,
         },
+        shape: None,
+        phase_swing_rad: None,
         localisation: Localisation { peak_over_mean: [peak, 1.0, 1.0], centre_rev: 0.5 },
         local_amplitude: 1.0,
         persistence: Some(persistence),
@@ -192,14 +196,14 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
 }
 
 fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDiagnosis> {
-    judged_with(signs, with_gear, with_baseline, gear_reading(1000.0, 2.0))
+    judged_with(signs, with_gear, with_baseline, vec![gear_reading(1000.0, 2.0)])
 }
 
 fn judged_with(
     signs: Signs,
     with_gear: bool,
     with_baseline: bool,
-    reading: GearReading,
+    gears: Vec<GearReading>,
 ) -> Vec<ComponentDiagnosis> {
     let (machine, channels) = (machine(with_gear), channels());
     let healthy = features(Signs::HEALTHY);
@@ -212,7 +216,7 @@ fn judged_with(
         confidence: 1.0,
         ..Speed::unknown()
     };
-    let features = WindowFeatures { speed, gears: vec![reading], ..window(features(signs)) };
+    let features = WindowFeatures { speed, gears, ..window(features(signs)) };
     let with_probe = signs.displacement.is_some();
     let channel_of_sensor = [with_probe.then_some(ChannelIndex(0)), Some(ChannelIndex(1))];
     judge(
@@ -355,13 +359,31 @@ fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
         mesh: [1.0; 3],
     };
     let gear = |persistence: f64| {
-        let verdicts = judged_with(signs, true, true, gear_reading(persistence, 2.0));
+        let verdicts = judged_with(signs, true, true, vec![gear_reading(persistence, 2.0)]);
         let gear = of(&verdicts, "mesh");
         (gear.state, gear.fault)
     };
     // (1 + z/7)^−7·28·4 ≤ 10⁻³ from z = 29.8 on.
     assert_eq!(gear(29.0), (State::Healthy, None));
     assert_eq!(gear(31.0), (State::Warning, Some(FaultMode::ToothDamage)));
+}
+
+#[test]
+fn figures_of_merit_are_shown_against_the_baseline() {
+    let shape = |deviation: f64, kurtosis: f64| Some(Shape { deviation, kurtosis });
+    let whole = GearReading { shape: shape(2.0 * HEALTHY, 3.0), ..gear_reading(1000.0, 2.0) };
+    let mut mesh = GearReading { shape: shape(3.0 * HEALTHY, 2.0), ..gear_reading(1000.0, 2.0) };
+    (mesh.part, mesh.phase_swing_rad) = (Part::Around(1), Some(0.7));
+    let verdicts = judged_with(Signs::HEALTHY, true, true, vec![whole, mesh]);
+    let value = |name: &str| {
+        let evidence = &of(&verdicts, "mesh").evidence;
+        evidence.iter().find(|e| e.indicator == name).map(|e| e.value)
+    };
+    // Kurtosis times the fourth power of the ratio of deviations.
+    assert!((value("na4_star_mesh_motor").unwrap() - 3.0 * 16.0).abs() < 1e-9);
+    assert!((value("nb4_star_mesh_motor").unwrap() - 2.0 * 81.0).abs() < 1e-9);
+    assert_eq!(value("mesh_phase_swing_rad_mesh_motor"), Some(0.7));
+    assert_eq!(value("fm4_mesh_motor"), None, "the average has none");
 }
 
 #[test]
@@ -383,7 +405,7 @@ fn a_shaft_without_a_probe_does_not_mirror_one_of_equal_speed() {
 fn gear_alone(local: f64, q: f64, mesh: [f64; 3]) -> (State, Option<FaultMode>) {
     let signs =
         Signs { displacement: Some(1.0), once: 1.0, local: Some(local), higher: None, mesh };
-    let verdicts = judged_with(signs, true, true, gear_reading(1000.0, q));
+    let verdicts = judged_with(signs, true, true, vec![gear_reading(1000.0, q)]);
     assert_eq!(of(&verdicts, "main").state, State::Healthy);
     let gear = of(&verdicts, "mesh");
     (gear.state, gear.fault)
