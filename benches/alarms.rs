@@ -167,6 +167,7 @@ fn batch(events: Vec<AlarmEvent>) -> Batch {
         now: Moment::of_stream(0.0),
         judged_until_s: None,
         events,
+        health: Vec::new(),
         standing: None,
     }
 }

@@ -33,12 +33,13 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("plot", &[]),
     ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
+    ("notify", &["units", "signal", "machine", "features", "diagnosis", "alarms"]),
     ("causes", &[]),
     ("capture", &["units", "signal", "machine", "causes"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
-    ("store", &["units", "signal", "diagnosis", "alarms", "causes"]),
+    ("store", &["units", "signal", "diagnosis", "alarms", "notify", "causes"]),
     (
         "api",
         &[
@@ -54,6 +55,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "simulator",
             "evaluation",
             "plot",
+            "notify",
             "capture",
             "ingest",
             "store",
@@ -71,6 +73,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "alarms",
             "pipeline",
             "simulator",
+            "notify",
             "capture",
             "ingest",
             "api",
@@ -96,6 +99,7 @@ const CORE: &[&str] = &[
     "trials",
     "plot",
     "html",
+    "notify",
 ];
 
 /// What a core module may not mention.
@@ -118,6 +122,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("::hdf5", &["src/capture/hdf5/"]),
     ("rust_hdf5", &["src/capture/hdf5/"]),
     ("rusqlite", &["src/store/"]),
+    ("ureq", &["src/app/", "src/cli/"]),
+    ("rumqttc", &["src/app/"]),
     ("Serialize", &["src/api/wire/"]),
     ("Instant::now", &["src/app/", "src/bench/", "src/cli/"]),
     ("SystemTime::now", &["src/app/", "src/bench/", "src/cli/"]),

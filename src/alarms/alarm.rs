@@ -169,6 +169,24 @@ pub enum EventKind {
 }
 
 impl EventKind {
+    /// Every one.
+    pub const ALL: [Self; 14] = [
+        Self::Raised,
+        Self::Escalated,
+        Self::DeEscalated,
+        Self::Returned,
+        Self::Acknowledged,
+        Self::Latched,
+        Self::Reset,
+        Self::Cleared,
+        Self::Shelved,
+        Self::Unshelved,
+        Self::Suppressed,
+        Self::Unsuppressed,
+        Self::RemovedFromService,
+        Self::ReturnedToService,
+    ];
+
     /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -281,7 +281,7 @@ fn cursor(after: &str) -> Result<(&str, u64), ApiError> {
     })
 }
 
-fn since(text: &str) -> Result<Timestamp, ApiError> {
+pub(super) fn since(text: &str) -> Result<Timestamp, ApiError> {
     let read = text.parse::<jiff::Timestamp>().ok();
     let time = read.and_then(|time| i64::try_from(time.as_nanosecond()).ok());
     time.map(Timestamp).ok_or_else(|| {

@@ -16,6 +16,8 @@ mod spectra;
 mod cwt;
 mod alarms;
 mod acts;
+mod events;
+mod audit;
 mod service;
 mod simulation;
 mod baselines;
@@ -55,6 +57,8 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
         (name = "machines", description = "Machines and their health"),
         (name = "signals", description = "Waveforms, spectra, scalograms, trends"),
         (name = "alarms", description = "Alarms and operators' acts"),
+        (name = "events", description = "What happens, as it happens"),
+        (name = "audit", description = "Who did what, which configurations ran"),
         (name = "baselines", description = "What is normal of a machine, by operating state"),
         (name = "simulation", description = "Simulated sources and their damage"),
     ),
@@ -89,6 +93,9 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(acts::out_of_service))
         .routes(routes!(acts::return_to_service))
         .routes(routes!(acts::reset))
+        .routes(routes!(events::follow))
+        .routes(routes!(audit::list))
+        .routes(routes!(audit::configurations))
         .routes(routes!(baselines::list, baselines::learn))
         .routes(routes!(baselines::show, baselines::remove))
         .routes(routes!(baselines::activate))

@@ -2,12 +2,15 @@
 
 use super::error::ApiError;
 use super::state::{ApiState, newest};
-use super::view::{RecordingView, SourceState};
+use super::view::{ReceiverStatus, RecordingView, SourceState};
 use super::wire::finite;
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
-use super::wire::system::{LiveWire, ReadyWire, RecordingWire, StoreWire, StreamWire, SystemWire};
+use super::wire::system::{
+    EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire, StoreWire, StreamWire,
+    SystemWire,
+};
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -103,8 +106,32 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             waiting: store.status.n_waiting(),
             lost: store.status.n_lost(),
         }),
+        receivers: state
+            .events
+            .iter()
+            .flat_map(|events| events.receivers.iter().map(receiver))
+            .collect(),
+        event_streams: state.events.as_ref().map(|events| EventStreamsWire {
+            open: events.open.get(),
+            refused: events.refused.get(),
+            stalled: events.stalled.get(),
+        }),
         streams: streams.collect(),
     })
+}
+
+fn receiver(status: &ReceiverStatus) -> ReceiverWire {
+    let view = status.view.borrow().clone();
+    ReceiverWire {
+        name: status.name.clone(),
+        kind: status.kind.to_owned(),
+        failure: view.failure,
+        waiting: view.n_waiting,
+        delivered: view.progress.n_delivered,
+        refused: view.progress.n_refused,
+        given_up: view.progress.n_given_up,
+        last_delivered_at: view.last_delivered.map(|at| rfc3339(Some(at), 0.0)),
+    }
 }
 
 fn recording(view: &RecordingView) -> RecordingWire {

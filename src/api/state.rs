@@ -1,7 +1,9 @@
 //! What the handlers share.
 
 use super::error::ApiError;
-use super::view::{BaselineHandle, MachineHandle, MachineView, ShardRequest, StoreHandle};
+use super::view::{
+    BaselineHandle, EventsHandle, MachineHandle, MachineView, ShardRequest, StoreHandle,
+};
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
 use std::collections::BTreeMap;
@@ -19,6 +21,10 @@ pub struct Settings {
     pub max_computations: usize,
     /// Requests answered at a time; more are refused.
     pub max_requests: usize,
+    /// Streams of events open at a time; more are refused.
+    pub max_streams: usize,
+    /// Longest silence on a stream of events.
+    pub heartbeat: Duration,
     /// Longest wait for a shard's reply.
     pub reply_timeout: Duration,
     /// Longest time a request may take.
@@ -37,6 +43,8 @@ impl Settings {
             bound,
             max_computations: 2,
             max_requests: 128,
+            max_streams: 32,
+            heartbeat: Duration::from_secs(15),
             reply_timeout: Duration::from_secs(2),
             request_timeout: Duration::from_secs(10),
             configuration_hash: None,
@@ -64,6 +72,10 @@ pub struct ApiState {
     pub(super) store: Option<StoreHandle>,
     /// Baselines; `None`: there is no store for them.
     pub(super) baselines: Option<BaselineHandle>,
+    /// What is pushed; `None`: nothing is.
+    pub(super) events: Option<EventsHandle>,
+    /// One permit a stream of events.
+    pub(super) streams: Arc<Semaphore>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -94,11 +106,13 @@ impl ApiState {
             ),
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
+            streams: Arc::new(Semaphore::new(settings.max_streams)),
             settings: Arc::new(settings),
             metrics,
             readiness,
             store: None,
             baselines: None,
+            events: None,
         }
     }
 
@@ -106,6 +120,12 @@ impl ApiState {
     #[must_use]
     pub fn with_baselines(self, baselines: BaselineHandle) -> Self {
         Self { baselines: Some(baselines), ..self }
+    }
+
+    /// Pushes what happens.
+    #[must_use]
+    pub fn with_events(self, events: EventsHandle) -> Self {
+        Self { events: Some(events), ..self }
     }
 
     /// Reads older events from `store`.

@@ -4,7 +4,7 @@ use super::router;
 use super::state::{ApiState, Settings};
 use super::tests::baselines::sample_measured;
 use super::view::{
-    AlarmHistory, BaselineHandle, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy,
+    AlarmHistory, BaselineHandle, EventsHandle, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy,
     ShardRequest, SimulationHandle, SourceState, StoreHandle, Trend, Waveform,
 };
 use crate::alarms::load;
@@ -268,6 +268,11 @@ impl Service {
     /// The same service with a store of baselines.
     pub(crate) fn with_baselines(self, baselines: BaselineHandle) -> Self {
         Self::of_state(self.state.with_baselines(baselines), self.view)
+    }
+
+    /// The same service with a log of events.
+    pub(crate) fn with_events(self, events: EventsHandle) -> Self {
+        Self::of_state(self.state.with_events(events), self.view)
     }
 
     /// The service after its state was changed.

@@ -14,13 +14,18 @@ use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::ingest::simulated;
 use crate::machine::Machine;
+use crate::notify::Progress;
 use crate::signal::ChannelInfo;
 use crate::signal::Timestamp;
 use crate::simulator::scenario::ScenarioError;
 use crate::simulator::scenario::Wanted;
 use crate::store::Archive;
 use crate::store::BaselineStore;
+use crate::store::audit::AuditLog;
+use crate::store::events::EventLog;
 use crate::store::writer::Status;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 use tokio::sync::watch;
@@ -273,6 +278,55 @@ pub struct StoreHandle {
 impl std::fmt::Debug for StoreHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("StoreHandle").field("status", &self.status).finish_non_exhaustive()
+    }
+}
+
+/// How a receiver of notifications is doing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ReceiverView {
+    /// Transitions that wait for it.
+    pub n_waiting: usize,
+    /// What became of the others.
+    pub progress: Progress,
+    /// Why nothing gets through at the moment.
+    pub failure: Option<String>,
+    /// When it last took one, UTC, since the start.
+    pub last_delivered: Option<Timestamp>,
+}
+
+/// A receiver of notifications.
+#[derive(Debug, Clone)]
+pub struct ReceiverStatus {
+    /// Its name.
+    pub name: String,
+    /// `webhook` or `mqtt`.
+    pub kind: &'static str,
+    /// How it is doing.
+    pub view: watch::Receiver<ReceiverView>,
+}
+
+/// The log of what happened, as the API sees it.
+#[derive(Clone)]
+pub struct EventsHandle {
+    /// The log.
+    pub log: Arc<dyn EventLog>,
+    /// Who did what, and which configurations ran.
+    pub audit: Arc<dyn AuditLog>,
+    /// Changes when something is stored; ends with the store.
+    pub stored: watch::Receiver<u64>,
+    /// Streams of events that are open.
+    pub open: Gauge,
+    /// Streams that were refused because too many were open.
+    pub refused: Counter,
+    /// Connections cut because their reader took nothing any more.
+    pub stalled: Counter,
+    /// Who is notified.
+    pub receivers: Arc<[ReceiverStatus]>,
+}
+
+impl std::fmt::Debug for EventsHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("EventsHandle").field("receivers", &self.receivers).finish_non_exhaustive()
     }
 }
 

@@ -12,6 +12,7 @@ use crate::alarms::load::Load;
 use crate::alarms::state::AlarmState;
 use crate::api::view::ActFailure;
 use crate::api::view::SourceState;
+use crate::notify::HealthChange;
 use crate::telemetry::AlarmLoadMetrics;
 use prometheus_client::metrics::counter::Counter;
 use std::time::Instant;
@@ -66,15 +67,21 @@ impl Alarming {
         };
         let now = self.keeper.clock().moment(stream_s);
         let events = engine.tick(now, flow, self.keeper.failure_to_tell().as_deref());
-        self.keep(engine, events, stream_s);
+        self.keep(engine, events, Vec::new(), stream_s);
         self.keeper.repair(engine, stream_s);
     }
 
     /// Sends what happened to the store.
-    pub(super) fn keep(&mut self, engine: &AlarmEngine, events: Vec<AlarmEvent>, stream_s: f64) {
-        if !events.is_empty() {
+    pub(super) fn keep(
+        &mut self,
+        engine: &AlarmEngine,
+        events: Vec<AlarmEvent>,
+        health: Vec<HealthChange>,
+        stream_s: f64,
+    ) {
+        if !events.is_empty() || !health.is_empty() {
             self.note(&events);
-            self.keeper.keep(engine, events, stream_s, None);
+            self.keeper.keep(engine, (events, health), stream_s, None);
         }
     }
 
@@ -99,7 +106,8 @@ impl Alarming {
                     let answer = stored.map(|()| alarm).map_err(ActFailure::NotStored);
                     drop(reply.send(answer));
                 };
-                self.keeper.keep(engine, events, stream_s, Some(Box::new(answer)));
+                let happened = (events, Vec::new());
+                self.keeper.keep(engine, happened, stream_s, Some(Box::new(answer)));
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::Clock;
 use super::baselines;
+use super::client::ClientError;
 use super::http::MetricsText;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
@@ -10,6 +11,8 @@ use super::link::Link;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::monitored::Opened;
+use super::notify;
+use super::notify::NotifyPlan;
 use super::recording;
 use super::recording::Recording;
 use super::shard;
@@ -18,6 +21,7 @@ use super::simulated::Desk;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::api::view::BaselineHandle;
+use crate::api::view::EventsHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
@@ -31,6 +35,9 @@ use crate::ingest::replay;
 use crate::ingest::replay::Speed;
 use crate::ingest::replay::StreamInfo;
 use crate::ingest::simulated;
+use crate::notify::Health;
+use crate::notify::HealthWatch;
+use crate::notify::Subject;
 use crate::offline::OfflineError;
 use crate::pipeline::Monitor;
 use crate::pipeline::MonitorError;
@@ -45,6 +52,7 @@ use crate::store::StreamKey;
 use crate::store::active_records;
 use crate::store::sqlite;
 use crate::telemetry::Metrics;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::net::SocketAddr;
@@ -104,6 +112,14 @@ pub enum StartError {
     /// The store cannot be used.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// A receiver of notifications cannot be told.
+    #[error("{receiver:?} cannot be notified")]
+    Notify {
+        /// Its name.
+        receiver: String,
+        /// Why.
+        source: ClientError,
+    },
     /// The port cannot be bound.
     #[error("the address {address} cannot be bound, choose another in [server] bind")]
     Bind {
@@ -165,6 +181,8 @@ pub(super) struct Plan {
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
     pub(super) baselines: BaselineHandle,
+    pub(super) events: EventsHandle,
+    pub(super) notify: NotifyPlan,
 }
 
 /// Builds everything.
@@ -179,6 +197,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let metrics = Arc::new(Metrics::new());
     let (keeper, keeping) = open_keeper(config, &metrics)?;
     let baselines = baselines::handle(config)?;
+    let (events, notify) = notify::plan(config, &keeper, &metrics)?;
     let store = recording::open_store(config);
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
@@ -212,7 +231,8 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         };
         let tells_store = handles.is_empty();
         let learned = active_records(&*baselines.store, &entry.machine.id)?;
-        let opened = monitor(config, entry, info, (&keeper, tells_store), learned)?;
+        let health = events.log.health(&entry.machine.id)?;
+        let opened = monitor(config, entry, info, (&keeper, tells_store), (learned, health))?;
         let (work, simulation) = work(entry, simulated, &metrics);
         if opened.monitor.is_some() {
             let machine = Arc::clone(&entry.machine);
@@ -236,7 +256,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             submit,
         });
     }
-    Ok(Plan { shards, sources, handles, metrics, keeper, keeping, baselines })
+    Ok(Plan { shards, sources, handles, metrics, keeper, keeping, baselines, events, notify })
 }
 
 impl Plan {
@@ -348,7 +368,7 @@ fn monitor(
     entry: &MachineConfig,
     stream: Result<StreamInfo, String>,
     (keeper, tells_store): (&Keeper, bool),
-    learned: Vec<Record>,
+    (learned, health): (Vec<Record>, BTreeMap<Subject, Health>),
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
     let mut idle = AlarmEngine::of_machine(machine, &[], config.monitor.alarms.clone());
@@ -373,6 +393,7 @@ fn monitor(
                 is_live,
                 alarms,
                 alarm_events,
+                health: HealthWatch::new(health, None),
                 keeper,
             });
         }
@@ -385,6 +406,7 @@ fn monitor(
     monitor.use_signed(learned);
     let key = stream_key(config, entry, info.start_time);
     let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
+    let judged_until_s = monitor.alarms().judged_until_s();
     Ok(Opened {
         monitor: Some(monitor),
         source: SourceState::Starting,
@@ -392,6 +414,7 @@ fn monitor(
         is_live: matches!(entry.source, SourceConfig::Simulated(_)),
         alarms: idle,
         alarm_events,
+        health: HealthWatch::new(health, judged_until_s),
         keeper: keeper_of(&key),
     })
 }
@@ -434,66 +457,5 @@ fn check_memory(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::tests::machine;
-    use super::*;
-    use crate::capture::hints::Hints;
-    use crate::signal::ChannelInfo;
-    use crate::units::Hz;
-    use crate::units::Unit;
-    use std::path::PathBuf;
-
-    fn entry(id: &str) -> MachineConfig {
-        MachineConfig {
-            file: PathBuf::new(),
-            machine: machine(id),
-            baseline: Vec::new(),
-            source: SourceConfig::Replay(replay::Settings {
-                hints: Hints::default(),
-                file: PathBuf::new(),
-                speed: replay::Speed::Max,
-                repeat: false,
-            }),
-        }
-    }
-
-    fn stream(n_channels: usize) -> Result<Stream, String> {
-        let channel = ChannelInfo {
-            name: "x".to_owned(),
-            sample_rate: Hz(10_000.0),
-            unit: Unit::Unknown,
-            offset: 0.0,
-            unit_conflict: None,
-            full_scale: None,
-        };
-        let channels = vec![channel; n_channels];
-        let info = StreamInfo {
-            channels,
-            start_time: None,
-            shaft_speed: None,
-            load: None,
-            received: Vec::new(),
-        };
-        Ok(Stream { info, simulated: None })
-    }
-
-    #[test]
-    fn rings_beyond_the_limit_are_refused_with_numbers() {
-        let streams = [stream(1), stream(3), Err("broken".to_owned())];
-        let machines = vec![entry("small"), entry("large"), entry("broken")];
-        // 30 s of 10,000 four-byte samples for each of four channels, their lists, and one queue
-        let lists = 4
-            * (Monitor::ring_bytes(&stream(1).unwrap().info.channels, &Config::default().monitor)
-                - 1_200_000);
-        let needed = 4 * 1_200_000 + lists + QUEUE_BYTES;
-        let config = |limit: usize| Config {
-            machines: machines.clone(),
-            memory_limit_bytes: limit as u64,
-            ..Config::default()
-        };
-        assert!(check_memory(&config(needed), &streams, 1).is_ok());
-        let text = check_memory(&config(needed - 1), &streams, 1).unwrap_err().to_string();
-        assert!(text.contains(&format!("need {needed} bytes")), "{text}");
-        assert!(text.contains("most for machine \"large\""), "{text}");
-    }
-}
+#[path = "build_tests.rs"]
+mod tests;

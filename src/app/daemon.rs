@@ -60,6 +60,8 @@ pub struct Daemon {
     queues: Vec<Arc<ShardQueue>>,
     runtime: Runtime,
     server: JoinHandle<()>,
+    /// Tasks that say goodbye to brokers.
+    notifying: Vec<JoinHandle<()>>,
     server_stop: CancellationToken,
     signals: Signals,
     threads: Threads,
@@ -89,20 +91,30 @@ impl Daemon {
 
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
         let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
-        let Plan { shards, sources, handles, metrics, keeper, keeping, baselines } = plan;
+        let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
+        let (events, notify) = (plan.events, plan.notify);
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(2 + shards.len() + sources.len());
+        let mut threads = Threads::new(2 + shards.len() + sources.len() + notify.n_threads());
         let watch_stop = Arc::clone(&stop);
         let started = threads
             .start("store".to_owned(), move || keeping.run())
             .and_then(|()| threads.start("baselines".to_owned(), move || watch.run(&watch_stop)))
-            .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
-        if let Err(source) = started {
-            queues.iter().for_each(|queue| queue.close());
-            stop.set();
-            return Err(system("threads for shards and sources", source));
-        }
+            .and_then(|()| {
+                let start = |name, work| threads.start(name, work);
+                notify.start(runtime.handle(), &handles, &server_stop, start)
+            })
+            .and_then(|tasks| {
+                start_threads(&mut threads, shards, sources, &metrics, &stop).map(|()| tasks)
+            });
+        let notifying = match started {
+            Ok(tasks) => tasks,
+            Err(source) => {
+                queues.iter().for_each(|queue| queue.close());
+                stop.set();
+                return Err(system("threads for shards and sources", source));
+            }
+        };
         let settings = state::Settings {
             started_at: Some(super::wall_clock()),
             configuration_hash: Some(build::configuration_hash(config)),
@@ -110,10 +122,23 @@ impl Daemon {
         };
         let store = StoreHandle { archive: keeper.archive, status: keeper.status };
         let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness);
-        let router = http::router(state.with_store(store).with_baselines(baselines));
-        let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
+        let stalled = events.stalled.clone();
+        let state = state.with_store(store).with_baselines(baselines).with_events(events);
+        let listener = http::Patient::new(listener, stalled);
+        let server = runtime.spawn(http::serve(listener, http::router(state), server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
-        Ok(Self { address, handles, stop, queues, runtime, server, server_stop, signals, threads })
+        Ok(Self {
+            address,
+            handles,
+            stop,
+            queues,
+            runtime,
+            server,
+            notifying,
+            server_stop,
+            signals,
+            threads,
+        })
     }
 
     /// Address of HTTP with its real port.
@@ -153,6 +178,18 @@ impl Daemon {
         if let Err(error) = self.runtime.block_on(self.server) {
             tracing::error!(%error, "http server panicked");
         }
+        self.runtime.block_on(async {
+            let goodbyes = async {
+                for task in self.notifying {
+                    if let Err(error) = task.await {
+                        tracing::error!(%error, "a notifying task panicked");
+                    }
+                }
+            };
+            if tokio::time::timeout(http::GRACE, goodbyes).await.is_err() {
+                tracing::warn!("a broker was left without goodbye");
+            }
+        });
         let n_left = self.threads.wait(THREAD_GRACE);
         if n_left > 0 {
             tracing::warn!(n_left, "threads did not end in time");

@@ -6,6 +6,7 @@
 use super::Clock;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::notify::HealthChange;
 use crate::store::Archive;
 use crate::store::Batch;
 use crate::store::StateStore;
@@ -22,6 +23,7 @@ use std::sync::mpsc::SyncSender;
 use std::sync::mpsc::TrySendError;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
+use tokio::sync::watch;
 
 /// Jobs that may wait for the writer.
 const QUEUE: usize = 4096;
@@ -40,6 +42,8 @@ pub struct Keeper {
     pub archive: Arc<dyn Archive>,
     /// How the store is doing.
     pub status: Arc<Status>,
+    /// Things stored since the start: whoever waits for the next one waits for this to change.
+    pub stored: watch::Receiver<u64>,
     /// The daemon's clocks.
     pub clock: Clock,
 }
@@ -55,6 +59,7 @@ pub struct KeeperPlan {
     store: Box<dyn StateStore>,
     jobs: Receiver<Job>,
     status: Arc<Status>,
+    stored: watch::Sender<u64>,
     metrics: StoreMetrics,
 }
 
@@ -74,15 +79,17 @@ impl Keeper {
     ) -> (Self, KeeperPlan) {
         let (jobs, inbox) = sync_channel(QUEUE);
         let status = Arc::new(Status::default());
-        let plan = KeeperPlan { store, jobs: inbox, status: Arc::clone(&status), metrics };
-        (Self { jobs, archive, status, clock: Clock::start() }, plan)
+        let (told, stored) = watch::channel(0);
+        let plan =
+            KeeperPlan { store, jobs: inbox, status: Arc::clone(&status), stored: told, metrics };
+        (Self { jobs, archive, status, stored, clock: Clock::start() }, plan)
     }
 }
 
 impl KeeperPlan {
     /// Writes until every sender is gone and everything is written.
     pub fn run(self) {
-        let Self { store, jobs, status, metrics } = self;
+        let Self { store, jobs, status, stored, metrics } = self;
         let mut writer = Writer::new(store, &status);
         let (mut n_stored, mut n_lost) = (0, 0);
         loop {
@@ -99,6 +106,9 @@ impl KeeperPlan {
                 }
             };
             metrics.stored.inc_by(status.n_stored() - n_stored);
+            if status.n_stored() != n_stored {
+                stored.send_replace(status.n_stored());
+            }
             metrics.lost.inc_by(status.n_lost() - n_lost);
             (n_stored, n_lost) = (status.n_stored(), status.n_lost());
             metrics.waiting.set(i64::try_from(status.n_waiting()).unwrap_or(i64::MAX));
@@ -150,20 +160,21 @@ impl MachineKeeper {
     pub fn keep(
         &mut self,
         engine: &AlarmEngine,
-        events: Vec<AlarmEvent>,
+        (events, health): (Vec<AlarmEvent>, Vec<HealthChange>),
         stream_s: f64,
         done: Option<Done>,
     ) {
-        if events.is_empty() && done.is_none() && !self.send_standing {
+        if events.is_empty() && health.is_empty() && done.is_none() && !self.send_standing {
             return;
         }
-        let n_events = events.len();
+        let n_events = events.len() + health.len();
         let batch = Batch {
             machine: self.machine.clone(),
             stream: self.stream.clone(),
             now: self.keeper.clock.moment(stream_s),
             judged_until_s: engine.judged_until_s(),
             events,
+            health,
             standing: self.send_standing.then(|| engine.standing()),
         };
         match self.keeper.jobs.try_send(Job { batch, done }) {
@@ -186,6 +197,6 @@ impl MachineKeeper {
             self.n_lost_seen = n_lost;
             self.send_standing = true;
         }
-        self.keep(engine, Vec::new(), stream_s, None);
+        self.keep(engine, (Vec::new(), Vec::new()), stream_s, None);
     }
 }

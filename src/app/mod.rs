@@ -22,6 +22,8 @@ pub mod outlet;
 pub mod source;
 pub mod simulated;
 pub mod recording;
+pub mod client;
+pub mod notify;
 pub mod http;
 pub mod build;
 pub mod daemon;

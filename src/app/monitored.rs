@@ -19,6 +19,8 @@ use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
+use crate::notify::HealthChange;
+use crate::notify::HealthWatch;
 use crate::pipeline::Monitor;
 use crate::pipeline::Outcome;
 use crate::pipeline::Plans;
@@ -51,6 +53,8 @@ pub struct Opened {
     pub alarms: AlarmEngine,
     /// What the start itself did to alarms.
     pub alarm_events: Vec<AlarmEvent>,
+    /// The health that was told last.
+    pub health: HealthWatch,
     /// Way to the store.
     pub keeper: MachineKeeper,
 }
@@ -63,6 +67,7 @@ pub struct Monitored {
     /// The alarms when there is no monitor.
     idle_alarms: AlarmEngine,
     alarming: Alarming,
+    health: HealthWatch,
     source: SourceState,
     start_time: Option<Timestamp>,
     channels: Arc<Vec<ChannelInfo>>,
@@ -98,6 +103,7 @@ impl Monitored {
             monitor: opened.monitor,
             idle_alarms: opened.alarms,
             alarming,
+            health: opened.health,
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
@@ -110,7 +116,7 @@ impl Monitored {
             publisher,
             meters,
         };
-        monitored.keep(opened.alarm_events);
+        monitored.keep(opened.alarm_events, Vec::new());
         monitored.publish(0);
         (monitored, view)
     }
@@ -203,10 +209,10 @@ impl Monitored {
         self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms)
     }
 
-    fn keep(&mut self, events: Vec<AlarmEvent>) {
+    fn keep(&mut self, events: Vec<AlarmEvent>, health: Vec<HealthChange>) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
-        self.alarming.keep(engine, events, stream_s);
+        self.alarming.keep(engine, events, health, stream_s);
     }
 
     /// Publishes a snapshot.
@@ -281,9 +287,10 @@ impl Monitored {
                     trend.push(end_s, features);
                 }
             }
+            let health = self.health.observe(&outcome.diagnosis, end_s);
             self.diagnosis = Some(outcome.diagnosis);
             self.features = Arc::new(outcome.features);
-            self.keep(outcome.alarm_events);
+            self.keep(outcome.alarm_events, health);
             self.meters.machine.windows_judged.inc();
             self.publish(queue_bytes);
             if let Some(arrived) = arrived {

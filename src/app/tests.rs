@@ -28,6 +28,7 @@ use crate::ingest::replay::Stream;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::machine::file;
+use crate::notify::HealthWatch;
 use crate::pipeline::Monitor;
 use crate::pipeline::SpeedHints;
 use crate::signal::Block;
@@ -138,6 +139,7 @@ pub(super) fn running_on(
         start_time: None,
         is_live: false,
         alarms: AlarmEngine::new("rig-1", Config::default().monitor.alarms),
+        health: HealthWatch::default(),
         alarm_events: Vec::new(),
         keeper: MachineKeeper::new(keeper, "rig-1", StreamKey::default(), true),
     };

@@ -18,6 +18,7 @@ pub mod simulate;
 pub mod serve;
 pub mod demo;
 pub mod baseline;
+pub mod alarms;
 pub mod bench;
 pub mod openapi;
 pub mod completions;
@@ -101,6 +102,9 @@ pub enum Command {
     /// Learn, list and remove what is normal of a daemon's machines
     #[command(after_help = baseline::EXAMPLES)]
     Baseline(baseline::Arguments),
+    /// List the alarms of a daemon, and act on them
+    #[command(after_help = alarms::EXAMPLES)]
+    Alarms(alarms::Arguments),
     /// Measure the simulator: speed against error, and its hard cases
     #[command(after_help = bench::EXAMPLES)]
     Bench(bench::Arguments),
@@ -135,6 +139,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Baseline(arguments) => baseline::run(arguments),
+        Command::Alarms(arguments) => alarms::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),

@@ -32,8 +32,8 @@ pub struct Key {
 /// Sections that stand once.
 pub const SECTIONS: &[&str] = &["server", "store", "recording", "pipeline", "diagnosis", "alarms"];
 
-/// Sections that may be repeated, as `[[machine]]`.
-pub const LISTS: &[&str] = &["machine", "source"];
+/// Sections that may be repeated, as `[[machine]]`; one with a point stands below a section of its own.
+pub const LISTS: &[&str] = &["machine", "source", "notify.webhook", "notify.mqtt"];
 
 /// Most bytes a limit may state: 2⁵³, beyond which a number in JSON is no longer exact.
 const MAX_BYTES: u64 = 1 << 53;
@@ -71,6 +71,34 @@ pub const KEYS: &[Key] = &[
     key("source", "scene", Kind::Text),
     key("source", "scenario", Kind::Text),
     key("source", "seed", Kind::Whole(0, 1 << 53)),
+    key("notify.webhook", "name", Kind::Text),
+    key("notify.webhook", "url", Kind::Text),
+    key("notify.webhook", "plain_http", Kind::Flag),
+    key("notify.webhook", "secret", Kind::Text),
+    key("notify.webhook", "secret_file", Kind::Text),
+    key("notify.webhook", "headers", Kind::Texts),
+    key("notify.webhook", "headers_file", Kind::Text),
+    key("notify.webhook", "ca_file", Kind::Text),
+    key("notify.webhook", "machines", Kind::Texts),
+    key("notify.webhook", "levels", Kind::Texts),
+    key("notify.webhook", "transitions", Kind::Texts),
+    key("notify.webhook", "timeout_s", Kind::Number(0.1, 60.0)),
+    key("notify.webhook", "max_backoff_s", Kind::Number(1.0, 3_600.0)),
+    key("notify.webhook", "max_waiting", Kind::Whole(1, 100_000)),
+    key("notify.mqtt", "name", Kind::Text),
+    key("notify.mqtt", "host", Kind::Text),
+    key("notify.mqtt", "port", Kind::Whole(1, 65_535)),
+    key("notify.mqtt", "tls", Kind::Flag),
+    key("notify.mqtt", "ca_file", Kind::Text),
+    key("notify.mqtt", "client_id", Kind::Text),
+    key("notify.mqtt", "user", Kind::Text),
+    key("notify.mqtt", "password_file", Kind::Text),
+    key("notify.mqtt", "prefix", Kind::Text),
+    key("notify.mqtt", "machines", Kind::Texts),
+    key("notify.mqtt", "levels", Kind::Texts),
+    key("notify.mqtt", "transitions", Kind::Texts),
+    key("notify.mqtt", "max_backoff_s", Kind::Number(1.0, 3_600.0)),
+    key("notify.mqtt", "max_waiting", Kind::Whole(1, 100_000)),
 ];
 
 const fn key(section: &'static str, name: &'static str, kind: Kind) -> Key {
@@ -119,7 +147,17 @@ impl Key {
                     || number(value).is_some_and(|x| x > 0.0 && x.is_finite())
             }
         };
-        if fits { Ok(()) } else { Err(format!("{value} is not {}", self.allowed())) }
+        match (fits, self.is_secret()) {
+            (true, _) => Ok(()),
+            (false, true) => Err(format!("the value is not {}", self.allowed())),
+            (false, false) => Err(format!("{value} is not {}", self.allowed())),
+        }
+    }
+
+    /// Whether a message must not say what the key holds.
+    #[must_use]
+    pub fn is_secret(&self) -> bool {
+        matches!(self.name, "secret" | "headers" | "url")
     }
 
     /// Checks a value read from the environment.

@@ -8,6 +8,7 @@ pub mod keys;
 mod scan;
 mod raw;
 mod resolve;
+mod notify;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;
@@ -15,6 +16,7 @@ use crate::diagnosis::rate::FalseAlarms;
 use crate::ingest::replay;
 use crate::ingest::simulated;
 use crate::machine::Machine;
+use crate::notify::settings as receivers;
 use crate::pipeline;
 use std::fmt;
 use std::fs;
@@ -42,6 +44,8 @@ pub struct Config {
     pub recording: Option<recording::Settings>,
     /// How windows are laid and alarms raised.
     pub monitor: pipeline::Settings,
+    /// Who is told of alarms.
+    pub notify: receivers::Settings,
     /// The machines, each with its source.
     pub machines: Vec<MachineConfig>,
 }
@@ -90,6 +94,7 @@ impl Default for Config {
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
+            notify: receivers::Settings::default(),
             machines: Vec::new(),
         }
     }

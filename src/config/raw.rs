@@ -16,6 +16,7 @@ pub(super) struct Raw {
     pub(super) alarms: Alarms,
     pub(super) machine: Vec<Machine>,
     pub(super) source: Vec<Source>,
+    pub(super) notify: Notify,
 }
 
 /// `[server]`
@@ -95,6 +96,60 @@ pub(super) struct Source {
     pub(super) scene: Option<String>,
     pub(super) scenario: Option<String>,
     pub(super) seed: Option<u64>,
+}
+
+/// `[notify]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Notify {
+    pub(super) webhook: Vec<Webhook>,
+    pub(super) mqtt: Vec<Mqtt>,
+}
+
+/// `[[notify.webhook]]`; not `Debug`: it may hold a secret.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Webhook {
+    pub(super) name: Option<String>,
+    pub(super) url: Option<String>,
+    pub(super) plain_http: Option<bool>,
+    pub(super) secret: Option<String>,
+    pub(super) secret_file: Option<String>,
+    pub(super) headers: Vec<String>,
+    pub(super) headers_file: Option<String>,
+    pub(super) ca_file: Option<String>,
+    pub(super) machines: Vec<String>,
+    pub(super) levels: Vec<String>,
+    pub(super) transitions: Vec<String>,
+    pub(super) timeout_s: Option<f64>,
+    pub(super) max_backoff_s: Option<f64>,
+    pub(super) max_waiting: Option<usize>,
+}
+
+impl std::fmt::Debug for Webhook {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Webhook").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+/// `[[notify.mqtt]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Mqtt {
+    pub(super) name: Option<String>,
+    pub(super) host: Option<String>,
+    pub(super) port: Option<u16>,
+    pub(super) tls: Option<bool>,
+    pub(super) ca_file: Option<String>,
+    pub(super) client_id: Option<String>,
+    pub(super) user: Option<String>,
+    pub(super) password_file: Option<String>,
+    pub(super) prefix: Option<String>,
+    pub(super) machines: Vec<String>,
+    pub(super) levels: Vec<String>,
+    pub(super) transitions: Vec<String>,
+    pub(super) max_backoff_s: Option<f64>,
+    pub(super) max_waiting: Option<usize>,
 }
 
 /// `"max"` or a number.

@@ -50,6 +50,8 @@ pub(super) fn config(
     let mut resolver = Resolver { base, scan, variables };
     let max_bytes = raw.store.max_bytes.unwrap_or(default.store.max_bytes);
     let n_machines = raw.machine.len() as u64;
+    let machines = resolver.machines(raw.machine, raw.source);
+    let notify = resolver.receivers(raw.notify, &machines);
     Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
         store: Store {
@@ -64,14 +66,15 @@ pub(super) fn config(
             resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
             raw.diagnosis.false_alarms_per_component_year.unwrap_or(rate::A_COMPONENT_YEAR),
         ),
-        machines: resolver.machines(raw.machine, raw.source),
+        notify,
+        machines,
     }
 }
 
 /// What the steps share.
-struct Resolver<'a> {
+pub(super) struct Resolver<'a> {
     /// Folder that relative paths start from.
-    base: &'a Path,
+    pub(super) base: &'a Path,
     /// The file's places, and the mistakes so far.
     scan: &'a mut Scan,
     /// Variables that override keys.
@@ -80,7 +83,7 @@ struct Resolver<'a> {
 
 impl Resolver<'_> {
     /// Notes a mistake where the value came from: the environment, else the file.
-    fn report(&mut self, path: &str, message: String) {
+    pub(super) fn report(&mut self, path: &str, message: String) {
         let variable = path
             .split_once('.')
             .and_then(|(section, name)| keys::find(section, name)?.variable())
@@ -400,7 +403,12 @@ impl Resolver<'_> {
     }
 
     /// Reports a key that is missing, unless it is there and was reported as wrong.
-    fn required(&mut self, path: &str, name: &str, value: Option<String>) -> Option<String> {
+    pub(super) fn required(
+        &mut self,
+        path: &str,
+        name: &str,
+        value: Option<String>,
+    ) -> Option<String> {
         if value.is_none() && !self.scan.has(&format!("{path}.{name}")) {
             self.report(path, format!("the key {name:?} is missing"));
         }

@@ -145,7 +145,9 @@ fn note_offsets(table: &DeTable<'_>, prefix: &str, offsets: &mut BTreeMap<String
 /// Checks every section; what passed goes to `scan.values`.
 fn check_sections(table: toml::Table, scan: &mut Scan) {
     for (section, value) in table {
-        if keys::SECTIONS.contains(&section.as_str()) {
+        if keys::LISTS.iter().any(|list| list.starts_with(&format!("{section}."))) {
+            check_lists_below(section, value, scan);
+        } else if keys::SECTIONS.contains(&section.as_str()) {
             let Some(entries) = value.as_table() else {
                 scan.report(&section, format!("write it as [{section}]"));
                 continue;
@@ -153,22 +155,48 @@ fn check_sections(table: toml::Table, scan: &mut Scan) {
             let passed = check_entries(&section, &section, entries, scan);
             scan.values.insert(section, toml::Value::Table(passed));
         } else if keys::LISTS.contains(&section.as_str()) {
-            let items = value.as_array().map(|items| items.iter().map(toml::Value::as_table));
-            let Some(items) = items.and_then(|items| items.collect::<Option<Vec<_>>>()) else {
-                scan.report(&section, format!("write each one as [[{section}]]"));
-                continue;
-            };
-            let passed = items.into_iter().enumerate().map(|(i, entries)| {
-                let path = format!("{section}[{i}]");
-                toml::Value::Table(check_entries(&section, &path, entries, scan))
-            });
-            let passed = passed.collect();
-            scan.values.insert(section, toml::Value::Array(passed));
+            if let Some(passed) = check_list(&section, &value, scan) {
+                scan.values.insert(section, passed);
+            }
         } else {
             let allowed = [keys::SECTIONS, keys::LISTS].concat().join(", ");
             scan.report(&section, format!("unknown key, allowed here: {allowed}"));
         }
     }
+}
+
+/// Checks the lists that stand below a section, as `[[notify.webhook]]`.
+fn check_lists_below(section: String, value: toml::Value, scan: &mut Scan) {
+    let toml::Value::Table(lists) = value else {
+        scan.report(&section, format!("write it as [[{section}.…]]"));
+        return;
+    };
+    let mut passed = toml::Table::new();
+    for (name, value) in lists {
+        let list = format!("{section}.{name}");
+        if keys::LISTS.contains(&list.as_str()) {
+            passed.extend(check_list(&list, &value, scan).map(|items| (name, items)));
+        } else {
+            let below = keys::LISTS.iter().filter(|list| list.starts_with(&format!("{section}.")));
+            let allowed = below.copied().collect::<Vec<_>>().join(", ");
+            scan.report(&list, format!("unknown key, allowed here: {allowed}"));
+        }
+    }
+    scan.values.insert(section, toml::Value::Table(passed));
+}
+
+/// Checks a repeated section.
+fn check_list(section: &str, value: &toml::Value, scan: &mut Scan) -> Option<toml::Value> {
+    let items = value.as_array().map(|items| items.iter().map(toml::Value::as_table));
+    let Some(items) = items.and_then(|items| items.collect::<Option<Vec<_>>>()) else {
+        scan.report(section, format!("write each one as [[{section}]]"));
+        return None;
+    };
+    let passed = items.into_iter().enumerate().map(|(i, entries)| {
+        let path = format!("{section}[{i}]");
+        toml::Value::Table(check_entries(section, &path, entries, scan))
+    });
+    Some(toml::Value::Array(passed.collect()))
 }
 
 /// Checks the keys of one section and keeps those that passed.

@@ -4,7 +4,9 @@
 //! that knows which database stands behind them. [`writer`] groups what comes into commits and keeps
 //! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
 
+pub mod audit;
 mod baselines;
+pub mod events;
 mod keep;
 mod names;
 mod rows;
@@ -21,6 +23,7 @@ use crate::alarms::Kept;
 use crate::alarms::Moment;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed::Signed;
+use crate::notify::HealthChange;
 use crate::signal::Timestamp;
 use std::io;
 use std::path::PathBuf;
@@ -49,8 +52,24 @@ pub struct Batch {
     pub judged_until_s: Option<f64>,
     /// The events, by rising number.
     pub events: Vec<AlarmEvent>,
+    /// What changed in the health of the machine and its components.
+    pub health: Vec<HealthChange>,
     /// All alarms that stand, when events before these may be lost.
     pub standing: Option<Vec<Alarm>>,
+}
+
+impl Batch {
+    /// Things that happened.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.events.len() + self.health.len()
+    }
+
+    /// Whether nothing happened.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// Which events to read.

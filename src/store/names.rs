@@ -6,6 +6,7 @@ use crate::alarms::state::AlarmState;
 use crate::alarms::state::Silence;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
 
 macro_rules! names {
     ($($(#[doc = $doc:literal])+ $read:ident: $type:ty { $($variant:ident),+ $(,)? })+) => {
@@ -30,6 +31,8 @@ names! {
         InnerRace, OuterRace, RollingElement, Cage, Bow, Unbalance, Misalignment, Looseness, ToothDamage,
         DistributedWear, Dead, Clipped, Stuck, Spiking, Loose, Noisy, WrongRange, AbnormalLevel,
     }
+    /// State of a component or machine.
+    health: State { Undetermined, Healthy, Warning, Damaged }
     /// Level of an alarm.
     level: Level { Warning, Damaged }
     /// State of an alarm.

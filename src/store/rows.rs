@@ -37,7 +37,8 @@ pub(super) fn whole(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 
-fn count(number: i64) -> u64 {
+/// A number that was written by [`whole`].
+pub(super) fn count(number: i64) -> u64 {
     u64::try_from(number).unwrap_or(0)
 }
 
@@ -211,7 +212,11 @@ fn source(row: &Row<'_>) -> Result<AlarmSource, StoreError> {
     }
 }
 
-fn get<T: rusqlite::types::FromSql>(row: &Row<'_>, name: &'static str) -> Result<T, StoreError> {
+/// A value of a row by the name of its column.
+pub(super) fn get<T: rusqlite::types::FromSql>(
+    row: &Row<'_>,
+    name: &'static str,
+) -> Result<T, StoreError> {
     row.get(name).map_err(|source| super::sqlite::failed("reading a row", source))
 }
 
@@ -223,7 +228,8 @@ fn named<T>(
     known(name, get(row, name)?, read)
 }
 
-fn known<T>(
+/// Reads a name.
+pub(super) fn known<T>(
     what: &'static str,
     found: String,
     read: fn(&str) -> Option<T>,

@@ -61,6 +61,24 @@ const MIGRATIONS: &[&str] = &[
         log_value REAL NOT NULL, log_scatter REAL, n_windows INTEGER NOT NULL,
         PRIMARY KEY (baseline, number, channel, feature)) WITHOUT ROWID;
      ALTER TABLE audit ADD COLUMN baseline TEXT;",
+    // 4: one log of what happened by its place, transitions by their number and changes of health; the health
+    // told last; how far each receiver of notifications has come.
+    "CREATE TABLE event (
+        place INTEGER PRIMARY KEY AUTOINCREMENT, machine TEXT NOT NULL, recorded_utc INTEGER NOT NULL,
+        sequence INTEGER, start_utc INTEGER, time_s REAL, kind TEXT, component TEXT, state TEXT, before TEXT,
+        fault TEXT, severity REAL, confidence REAL, why TEXT);
+     CREATE INDEX event_of_alarm ON event (place) WHERE sequence IS NOT NULL;
+     CREATE INDEX event_of_health ON event (place) WHERE sequence IS NULL;
+     INSERT INTO event (machine, recorded_utc, sequence)
+        SELECT machine, recorded_utc, sequence FROM transition ORDER BY rowid;
+     CREATE TABLE event_log (removed_until INTEGER NOT NULL);
+     INSERT INTO event_log VALUES (0);
+     CREATE TABLE health (
+        machine TEXT NOT NULL, kind TEXT NOT NULL, component TEXT NOT NULL, state TEXT NOT NULL, fault TEXT,
+        PRIMARY KEY (machine, kind, component)) WITHOUT ROWID;
+     CREATE TABLE receiver (
+        name TEXT PRIMARY KEY, settled_until INTEGER NOT NULL, n_delivered INTEGER NOT NULL,
+        n_refused INTEGER NOT NULL, n_given_up INTEGER NOT NULL) WITHOUT ROWID;",
 ];
 
 /// The newest schema.

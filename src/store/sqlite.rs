@@ -11,6 +11,7 @@ use super::EventQuery;
 use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
+use super::events;
 use super::rows;
 use super::rows::Reader;
 use super::rows::whole;
@@ -198,6 +199,9 @@ impl SqliteStore {
         let mut n_new = 0;
         for batch in batches {
             n_new += write_events(&transaction, batch)?;
+            let of = (batch.machine.as_str(), batch.stream.start, batch.now.utc);
+            events::write_health(&transaction, of, &batch.health)?;
+            n_new += batch.health.len() as u64;
             if let Some(standing) = &batch.standing {
                 transaction.execute("DELETE FROM alarm WHERE machine = ?1", [&batch.machine])?;
                 for alarm in standing {
@@ -209,6 +213,7 @@ impl SqliteStore {
         let look = self.n_since_look + n_new >= LOOK_EVERY;
         if look {
             Self::prune(&transaction, self.max_transitions)?;
+            events::prune(&transaction)?;
         }
         transaction.commit()?;
         self.n_since_look = if look { 0 } else { self.n_since_look + n_new };
@@ -245,6 +250,7 @@ fn write_events(transaction: &Transaction<'_>, batch: &Batch) -> rusqlite::Resul
             continue;
         }
         n_new += 1;
+        events::write_alarm(transaction, &batch.machine, event.sequence, batch.now.utc)?;
         if event.alarm.position().is_over() {
             transaction.execute(
                 "DELETE FROM alarm WHERE machine = ?1 AND number = ?2",

@@ -27,7 +27,7 @@ fn now(monotonic_s: f64, utc_s: f64) -> Moment {
 }
 
 /// An alarm with every part filled.
-fn full(id: u64) -> Alarm {
+pub(super) fn full(id: u64) -> Alarm {
     Alarm {
         id,
         component: "right".to_owned(),
@@ -87,6 +87,7 @@ pub(super) fn batch(events: Vec<AlarmEvent>) -> Batch {
         now: now(100.0, 40.0),
         judged_until_s: Some(20.0),
         events,
+        health: Vec::new(),
         standing: None,
     }
 }

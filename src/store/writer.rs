@@ -114,7 +114,7 @@ impl<'s> Writer<'s> {
     pub fn take(&mut self, jobs: Vec<Job>) -> Result<(), String> {
         let mut dones = Vec::new();
         for Job { batch, done } in jobs {
-            self.n_waiting += batch.events.len();
+            self.n_waiting += batch.len();
             self.waiting.push_back(batch);
             dones.extend(done);
         }
@@ -161,8 +161,8 @@ impl<'s> Writer<'s> {
     fn bound(&mut self) {
         while self.n_waiting > self.max_waiting {
             let Some(oldest) = self.waiting.pop_front() else { break };
-            self.n_waiting -= oldest.events.len();
-            self.status.count_lost(oldest.events.len());
+            self.n_waiting -= oldest.len();
+            self.status.count_lost(oldest.len());
         }
     }
 }

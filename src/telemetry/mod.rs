@@ -46,6 +46,19 @@ struct AlarmLabels {
     what: String,
 }
 
+/// Labels of what became of notifications.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct NotificationLabels {
+    receiver: String,
+    outcome: String,
+}
+
+/// Labels of a receiver of notifications.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct ReceiverLabels {
+    receiver: String,
+}
+
 /// Labels of what is measured on a shard.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct ShardLabels {
@@ -129,6 +142,32 @@ pub struct StoreMetrics {
     pub failing: Gauge,
 }
 
+/// How a receiver of notifications is doing.
+#[derive(Debug, Clone, Default)]
+pub struct ReceiverMetrics {
+    /// Transitions that it took.
+    pub delivered: Counter,
+    /// Transitions that it refused for good.
+    pub refused: Counter,
+    /// Transitions given up because too many waited.
+    pub given_up: Counter,
+    /// Transitions that wait.
+    pub waiting: Gauge,
+    /// 1 while nothing gets through.
+    pub failing: Gauge,
+}
+
+/// Streams of events over HTTP.
+#[derive(Debug, Clone, Default)]
+pub struct StreamMetrics {
+    /// Streams that are open.
+    pub open: Gauge,
+    /// Streams that were refused because too many were open.
+    pub refused: Counter,
+    /// Connections cut because their reader took nothing any more.
+    pub stalled: Counter,
+}
+
 /// Gauges of a simulated source.
 #[derive(Debug, Clone, Default)]
 pub struct SimulationMetrics {
@@ -164,6 +203,10 @@ pub struct Metrics {
     alarms: Family<AlarmLabels, Gauge>,
     alarm_load: Family<AlarmLabels, Gauge>,
     store: StoreMetrics,
+    notifications: Family<NotificationLabels, Counter>,
+    notifications_waiting: Family<ReceiverLabels, Gauge>,
+    receiver_failing: Family<ReceiverLabels, Gauge>,
+    streams: StreamMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -208,6 +251,10 @@ impl Metrics {
             alarms: Family::default(),
             alarm_load: Family::default(),
             store: StoreMetrics::default(),
+            notifications: Family::default(),
+            notifications_waiting: Family::default(),
+            receiver_failing: Family::default(),
+            streams: StreamMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -238,6 +285,7 @@ impl Metrics {
         metrics.register_recording(&mut registry);
         metrics.register_simulation(&mut registry);
         metrics.register_alarms(&mut registry);
+        metrics.register_notifications(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -301,6 +349,60 @@ impl Metrics {
             "Lag that a paced simulation gave up since the start",
             self.simulation_given_up.clone(),
         );
+    }
+
+    fn register_notifications(&self, registry: &mut Registry) {
+        registry.register(
+            "notifications",
+            "Transitions that a receiver took, refused, or that were given up",
+            self.notifications.clone(),
+        );
+        registry.register(
+            "notifications_waiting",
+            "Transitions that wait for a receiver",
+            self.notifications_waiting.clone(),
+        );
+        registry.register(
+            "receiver_failing",
+            "Whether nothing gets through to a receiver",
+            self.receiver_failing.clone(),
+        );
+        let streams = &self.streams;
+        registry.register("event_streams", "Streams of events that are open", streams.open.clone());
+        registry.register(
+            "event_streams_refused",
+            "Streams of events refused because too many were open",
+            streams.refused.clone(),
+        );
+        registry.register(
+            "connections_stalled",
+            "Connections cut because their reader took nothing any more",
+            streams.stalled.clone(),
+        );
+    }
+
+    /// How a receiver of notifications is doing.
+    #[must_use]
+    pub fn receiver(&self, name: &str) -> ReceiverMetrics {
+        let receiver = || name.to_owned();
+        let became = |what: &str| {
+            let labels = NotificationLabels { receiver: receiver(), outcome: what.to_owned() };
+            self.notifications.get_or_create_owned(&labels)
+        };
+        let labels = ReceiverLabels { receiver: receiver() };
+        ReceiverMetrics {
+            delivered: became("delivered"),
+            refused: became("refused"),
+            given_up: became("given_up"),
+            waiting: self.notifications_waiting.get_or_create_owned(&labels),
+            failing: self.receiver_failing.get_or_create_owned(&labels),
+        }
+    }
+
+    /// Streams of events over HTTP.
+    #[must_use]
+    pub fn streams(&self) -> StreamMetrics {
+        self.streams.clone()
     }
 
     /// Gauges of a simulated source.
@@ -400,77 +502,4 @@ fn latency() -> Histogram {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_metric_is_written_under_its_name() {
-        let metrics = Metrics::new();
-        let channel = metrics.channel("rig-1", "right_x");
-        channel.received.inc_by(12);
-        metrics.channel("rig-1", "right_x").received.inc_by(30);
-        channel.missing.inc_by(2);
-        channel.duplicated.inc();
-        let machine = metrics.machine("rig-1");
-        machine.rejected.inc_by(3);
-        machine.blocks_dropped.inc();
-        machine.windows_judged.inc();
-        machine.alarm_transitions.inc();
-        machine.verdict_latency_s.observe(0.015);
-        let recording = metrics.recording("rig-1");
-        recording.recorded.inc_by(100);
-        recording.lost.inc_by(5);
-        recording.failures.inc();
-        recording.removed.inc_by(2);
-        recording.files.set(3);
-        recording.bytes.set(4000);
-        metrics.queue_bytes(0).set(4096);
-        let simulation = metrics.simulation("rig-1");
-        simulation.simulated_s.set(12.5);
-        simulation.lag_s.set(0.25);
-        simulation.given_up_s.set(1.5);
-        let load = metrics.alarm_load("rig-1");
-        load.standing.set(3);
-        load.last_hour.set(7);
-        load.flood.set(1);
-        let store = metrics.store();
-        store.stored.inc_by(9);
-        store.lost.inc();
-        store.waiting.set(4);
-        store.failing.set(1);
-        let text = metrics.encode();
-        for line in [
-            concat!("rotorwatch_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\"} 1"),
-            "rotorwatch_samples_received_total{machine=\"rig-1\",channel=\"right_x\"} 42",
-            "rotorwatch_samples_missing_total{machine=\"rig-1\",channel=\"right_x\"} 2",
-            "rotorwatch_samples_duplicated_total{machine=\"rig-1\",channel=\"right_x\"} 1",
-            "rotorwatch_samples_rejected_total{machine=\"rig-1\"} 3",
-            "rotorwatch_blocks_dropped_total{machine=\"rig-1\"} 1",
-            "rotorwatch_windows_judged_total{machine=\"rig-1\"} 1",
-            "rotorwatch_alarm_transitions_total{machine=\"rig-1\"} 1",
-            "rotorwatch_verdict_latency_seconds_bucket{le=\"0.01\",machine=\"rig-1\"} 0",
-            "rotorwatch_verdict_latency_seconds_bucket{le=\"0.02\",machine=\"rig-1\"} 1",
-            "rotorwatch_samples_recorded_total{machine=\"rig-1\"} 100",
-            "rotorwatch_samples_not_recorded_total{machine=\"rig-1\"} 5",
-            "rotorwatch_recording_failures_total{machine=\"rig-1\"} 1",
-            "rotorwatch_recordings_removed_total{machine=\"rig-1\"} 2",
-            "rotorwatch_recordings{machine=\"rig-1\"} 3",
-            "rotorwatch_recording_bytes{machine=\"rig-1\"} 4000",
-            "rotorwatch_queue_bytes{shard=\"0\"} 4096",
-            "rotorwatch_simulated_seconds{machine=\"rig-1\"} 12.5",
-            "rotorwatch_simulation_lag_seconds{machine=\"rig-1\"} 0.25",
-            "rotorwatch_simulation_lag_given_up_seconds{machine=\"rig-1\"} 1.5",
-            "rotorwatch_alarms{machine=\"rig-1\",what=\"standing\"} 3",
-            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"last_hour\"} 7",
-            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"flood\"} 1",
-            "rotorwatch_alarm_load{machine=\"rig-1\",what=\"stale\"} 0",
-            "rotorwatch_store_events_total 9",
-            "rotorwatch_store_events_lost_total 1",
-            "rotorwatch_store_events_waiting 4",
-            "rotorwatch_store_failing 1",
-            "# EOF",
-        ] {
-            assert!(text.lines().any(|l| l == line), "{line}\nnot in\n{text}");
-        }
-    }
-}
+mod tests;

@@ -147,7 +147,19 @@ impl Daemon {
 
     /// Starts the daemon in a folder made by [`folder`].
     pub(crate) fn start_in(dir: TempDir) -> Self {
-        let mut child = serve(&dir).spawn().unwrap();
+        let command = serve(&dir);
+        Self::spawn(command, dir)
+    }
+
+    /// As [`Self::start_in`], with the log at `level`.
+    pub(crate) fn start_logging(dir: TempDir, level: &str) -> Self {
+        let mut command = serve(&dir);
+        command.env(rotorwatch::telemetry::LOG_VARIABLE, level);
+        Self::spawn(command, dir)
+    }
+
+    fn spawn(mut command: Command, dir: TempDir) -> Self {
+        let mut child = command.spawn().unwrap();
         let mut stderr_pipe = child.stderr.take().unwrap();
         let stderr = thread::spawn(move || {
             let mut text = String::new();

@@ -277,6 +277,7 @@ async fn older_events_come_from_the_store_as_one_history() {
         now: Moment::of_stream(0.0),
         judged_until_s: None,
         events: events[..7].to_vec(),
+        health: Vec::new(),
         standing: None,
     };
     store.keep(&[batch]).unwrap();

@@ -2,6 +2,7 @@
 
 mod alarms;
 pub(super) mod baselines;
+mod events;
 mod guards;
 mod machines;
 mod signals;

@@ -11,6 +11,8 @@ pub mod bearings;
 pub mod machines;
 pub mod signals;
 pub mod alarms;
+pub mod audit;
+pub mod events;
 pub mod baselines;
 pub mod problem;
 pub mod system;

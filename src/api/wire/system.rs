@@ -31,8 +31,44 @@ pub struct SystemWire {
     pub started_at: Option<String>,
     /// How the store of alarms is doing; null without one.
     pub store: Option<StoreWire>,
+    /// Who is notified, and how that goes.
+    pub receivers: Vec<ReceiverWire>,
+    /// Streams of events over HTTP; null without a store.
+    pub event_streams: Option<EventStreamsWire>,
     /// One entry a machine.
     pub streams: Vec<StreamWire>,
+}
+
+/// How a receiver of notifications is doing.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct ReceiverWire {
+    /// Its name in the configuration.
+    pub name: String,
+    /// `webhook` or `mqtt`.
+    pub kind: String,
+    /// Why nothing gets through at the moment; null if all is well.
+    pub failure: Option<String>,
+    /// Transitions that wait for it.
+    pub waiting: usize,
+    /// Transitions that it took, since it is configured.
+    pub delivered: u64,
+    /// Transitions that it refused for good.
+    pub refused: u64,
+    /// Transitions given up because too many waited.
+    pub given_up: u64,
+    /// When it last took one since the daemon started.
+    pub last_delivered_at: Option<String>,
+}
+
+/// Streams of events over HTTP.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct EventStreamsWire {
+    /// Open now.
+    pub open: i64,
+    /// Refused since the start because too many were open.
+    pub refused: u64,
+    /// Connections of any kind cut because their reader took nothing any more.
+    pub stalled: u64,
 }
 
 /// How the store of alarms is doing.

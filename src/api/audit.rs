@@ -1,0 +1,120 @@
+//! The audit: who did what, and which configurations ran.
+
+use super::alarms::since;
+use super::error::ApiError;
+use super::events::read;
+use super::extract::{Query, in_range};
+use super::state::ApiState;
+use super::view::EventsHandle;
+use super::wire::audit::{AuditItemWire, AuditListWire, ConfigurationListWire, ConfigurationWire};
+use super::wire::problem::ProblemWire;
+use crate::store::audit::AuditQuery;
+use axum::Json;
+use axum::extract::State;
+use serde::Deserialize;
+use std::sync::Arc;
+use utoipa::IntoParams;
+
+/// Items a page holds at most.
+const MAX_LIMIT: usize = 1000;
+
+/// Which acts.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// On this machine only.
+    machine: Option<String>,
+    /// By this author only.
+    author: Option<String>,
+    /// At this time (RFC 3339) or later.
+    since: Option<String>,
+    /// Items a page.
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: Option<usize>,
+    /// `next` of the page before.
+    after: Option<String>,
+}
+
+/// Which configurations.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageQuery {
+    /// Items a page.
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: Option<usize>,
+    /// `next` of the page before.
+    after: Option<String>,
+}
+
+/// Lists what operators did, newest first, also before a restart.
+#[utoipa::path(
+    get,
+    path = "/api/v1/audit",
+    tag = "audit",
+    params(ListQuery),
+    responses(
+        (status = OK, body = AuditListWire),
+        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn list(
+    State(state): State<ApiState>,
+    Query(query): Query<ListQuery>,
+) -> Result<Json<AuditListWire>, ApiError> {
+    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let wanted = AuditQuery {
+        before: cursor(query.after.as_deref())?,
+        machine: query.machine,
+        author: query.author,
+        since: query.since.as_deref().map(since).transpose()?,
+        limit: limit + 1,
+    };
+    let audit = Arc::clone(&events(&state)?.audit);
+    let mut found = read(&audit, move |audit| audit.audit(&wanted)).await?;
+    let next = (found.len() > limit).then(|| found[limit - 1].number.to_string());
+    found.truncate(limit);
+    Ok(Json(AuditListWire { items: found.iter().map(AuditItemWire::new).collect(), next }))
+}
+
+/// Lists the configurations that ran, newest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/configurations",
+    tag = "audit",
+    params(PageQuery),
+    responses(
+        (status = OK, body = ConfigurationListWire),
+        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn configurations(
+    State(state): State<ApiState>,
+    Query(query): Query<PageQuery>,
+) -> Result<Json<ConfigurationListWire>, ApiError> {
+    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let before = cursor(query.after.as_deref())?;
+    let audit = Arc::clone(&events(&state)?.audit);
+    let mut found = read(&audit, move |audit| audit.configurations(before, limit + 1)).await?;
+    let next = (found.len() > limit).then(|| found[limit - 1].0.to_string());
+    found.truncate(limit);
+    let items = found.iter().map(|(_, entry)| ConfigurationWire::new(entry)).collect();
+    Ok(Json(ConfigurationListWire { items, next }))
+}
+
+fn events(state: &ApiState) -> Result<&EventsHandle, ApiError> {
+    let none = || ApiError::NotFound("this service has no store".to_owned());
+    state.events.as_ref().ok_or_else(none)
+}
+
+fn cursor(after: Option<&str>) -> Result<u64, ApiError> {
+    let Some(after) = after else { return Ok(u64::MAX) };
+    after.parse().map_err(|_| {
+        ApiError::Invalid(format!("after is {after:?}, allowed is the `next` of another page"))
+    })
+}

@@ -1,0 +1,135 @@
+//! Every metric has its name, and rules and documents know it.
+
+use super::*;
+
+#[test]
+fn every_metric_is_written_under_its_name() {
+    let metrics = Metrics::new();
+    let channel = metrics.channel("rig-1", "right_x");
+    channel.received.inc_by(12);
+    metrics.channel("rig-1", "right_x").received.inc_by(30);
+    channel.missing.inc_by(2);
+    channel.duplicated.inc();
+    let machine = metrics.machine("rig-1");
+    machine.rejected.inc_by(3);
+    machine.blocks_dropped.inc();
+    machine.windows_judged.inc();
+    machine.alarm_transitions.inc();
+    machine.verdict_latency_s.observe(0.015);
+    let recording = metrics.recording("rig-1");
+    recording.recorded.inc_by(100);
+    recording.lost.inc_by(5);
+    recording.failures.inc();
+    recording.removed.inc_by(2);
+    recording.files.set(3);
+    recording.bytes.set(4000);
+    metrics.queue_bytes(0).set(4096);
+    let simulation = metrics.simulation("rig-1");
+    simulation.simulated_s.set(12.5);
+    simulation.lag_s.set(0.25);
+    simulation.given_up_s.set(1.5);
+    let load = metrics.alarm_load("rig-1");
+    load.standing.set(3);
+    load.last_hour.set(7);
+    load.flood.set(1);
+    let store = metrics.store();
+    store.stored.inc_by(9);
+    store.lost.inc();
+    store.waiting.set(4);
+    store.failing.set(1);
+    let receiver = metrics.receiver("room");
+    receiver.delivered.inc_by(5);
+    receiver.refused.inc();
+    receiver.given_up.inc_by(2);
+    receiver.waiting.set(3);
+    receiver.failing.set(1);
+    let streams = metrics.streams();
+    streams.open.set(2);
+    streams.refused.inc();
+    streams.stalled.inc_by(4);
+    let text = metrics.encode();
+    for line in [
+        concat!("rotorwatch_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\"} 1"),
+        "rotorwatch_samples_received_total{machine=\"rig-1\",channel=\"right_x\"} 42",
+        "rotorwatch_samples_missing_total{machine=\"rig-1\",channel=\"right_x\"} 2",
+        "rotorwatch_samples_duplicated_total{machine=\"rig-1\",channel=\"right_x\"} 1",
+        "rotorwatch_samples_rejected_total{machine=\"rig-1\"} 3",
+        "rotorwatch_blocks_dropped_total{machine=\"rig-1\"} 1",
+        "rotorwatch_windows_judged_total{machine=\"rig-1\"} 1",
+        "rotorwatch_alarm_transitions_total{machine=\"rig-1\"} 1",
+        "rotorwatch_verdict_latency_seconds_bucket{le=\"0.01\",machine=\"rig-1\"} 0",
+        "rotorwatch_verdict_latency_seconds_bucket{le=\"0.02\",machine=\"rig-1\"} 1",
+        "rotorwatch_samples_recorded_total{machine=\"rig-1\"} 100",
+        "rotorwatch_samples_not_recorded_total{machine=\"rig-1\"} 5",
+        "rotorwatch_recording_failures_total{machine=\"rig-1\"} 1",
+        "rotorwatch_recordings_removed_total{machine=\"rig-1\"} 2",
+        "rotorwatch_recordings{machine=\"rig-1\"} 3",
+        "rotorwatch_recording_bytes{machine=\"rig-1\"} 4000",
+        "rotorwatch_queue_bytes{shard=\"0\"} 4096",
+        "rotorwatch_simulated_seconds{machine=\"rig-1\"} 12.5",
+        "rotorwatch_simulation_lag_seconds{machine=\"rig-1\"} 0.25",
+        "rotorwatch_simulation_lag_given_up_seconds{machine=\"rig-1\"} 1.5",
+        "rotorwatch_alarms{machine=\"rig-1\",what=\"standing\"} 3",
+        "rotorwatch_alarm_load{machine=\"rig-1\",what=\"last_hour\"} 7",
+        "rotorwatch_alarm_load{machine=\"rig-1\",what=\"flood\"} 1",
+        "rotorwatch_alarm_load{machine=\"rig-1\",what=\"stale\"} 0",
+        "rotorwatch_store_events_total 9",
+        "rotorwatch_store_events_lost_total 1",
+        "rotorwatch_store_events_waiting 4",
+        "rotorwatch_store_failing 1",
+        "rotorwatch_notifications_total{receiver=\"room\",outcome=\"delivered\"} 5",
+        "rotorwatch_notifications_total{receiver=\"room\",outcome=\"refused\"} 1",
+        "rotorwatch_notifications_total{receiver=\"room\",outcome=\"given_up\"} 2",
+        "rotorwatch_notifications_waiting{receiver=\"room\"} 3",
+        "rotorwatch_receiver_failing{receiver=\"room\"} 1",
+        "rotorwatch_event_streams 2",
+        "rotorwatch_event_streams_refused_total 1",
+        "rotorwatch_connections_stalled_total 4",
+        "# EOF",
+    ] {
+        assert!(text.lines().any(|l| l == line), "{line}\nnot in\n{text}");
+    }
+}
+
+/// Names of metrics in a text, up to what cannot be part of one.
+fn named(text: &str) -> std::collections::BTreeSet<String> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let found = text.match_indices("rotorwatch_").map(|(at, _)| {
+        let rest = &text[at..];
+        rest[..rest.find(|c| !is_part(c)).unwrap_or(rest.len())].to_owned()
+    });
+    found.collect()
+}
+
+#[test]
+fn rules_and_documents_name_only_metrics_that_exist_and_the_document_names_all() {
+    let metrics = Metrics::new();
+    let _channel = metrics.channel("m", "c");
+    let machine = metrics.machine("m");
+    machine.verdict_latency_s.observe(0.1);
+    let _recording = metrics.recording("m");
+    let _queue = metrics.queue_bytes(0);
+    let _simulation = metrics.simulation("m");
+    let _load = metrics.alarm_load("m");
+    let _receiver = metrics.receiver("r");
+    let text = metrics.encode();
+    let samples: String = text.lines().filter(|line| !line.starts_with('#')).collect();
+    let exist = named(&samples);
+    assert!(exist.len() > 30, "{exist:?}");
+    let rules = include_str!("../../deploy/prometheus-alerts.yml");
+    let in_rules = named(rules);
+    assert!(in_rules.len() > 10);
+    let unknown: Vec<_> = in_rules.difference(&exist).collect();
+    assert!(unknown.is_empty(), "{unknown:?}");
+    let mut documented = named(include_str!("../../docs/operating.md"));
+    documented.insert("rotorwatch_verdict_latency_seconds_bucket".to_owned());
+    documented.insert("rotorwatch_verdict_latency_seconds_count".to_owned());
+    documented.insert("rotorwatch_verdict_latency_seconds_sum".to_owned());
+    let undocumented: Vec<_> = exist.difference(&documented).collect();
+    assert!(undocumented.is_empty(), "{undocumented:?}");
+    // Of `rotorwatch_alarms{what="…"}` the rules use words that exist, too.
+    for (at, _) in rules.match_indices("what=\"") {
+        let word = rules[at + 6..].split('"').next().unwrap();
+        assert!(samples.contains(&format!("what=\"{word}\"")), "{word}");
+    }
+}
