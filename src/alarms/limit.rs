@@ -111,6 +111,20 @@ impl LimitJudge {
         &self.limit
     }
 
+    /// The features it is made of, each with its channel; none of a vote.
+    #[must_use]
+    pub fn needs(&self) -> Vec<(&str, &str)> {
+        let features: Vec<&str> = match &self.recipe {
+            Recipe::One(name) => vec![name],
+            Recipe::Without { rms, line } => vec![rms, line],
+            Recipe::Distance { from, .. } => vec![from],
+            Recipe::VectorDistance { .. } => vec![limit::VECTOR_COS, limit::VECTOR_SIN],
+            Recipe::Vote(_) => Vec::new(),
+        };
+        let members = self.members.iter();
+        members.flat_map(|m| features.iter().map(|feature| (m.name.as_str(), *feature))).collect()
+    }
+
     /// The component it watches: that of its sensors if they sit at one, else the machine.
     #[must_use]
     pub fn place(&self) -> (ComponentKind, &str) {

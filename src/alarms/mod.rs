@@ -13,6 +13,7 @@ pub mod limit;
 mod slot;
 mod stated;
 pub mod load;
+pub mod past;
 
 pub use action::Act;
 pub use action::Action;
@@ -352,6 +353,18 @@ impl AlarmEngine {
         let before = Some(self.judged_until_s).filter(|time_s| time_s.is_finite());
         let newest = self.last_verdict_s.filter(|time_s| time_s.is_finite());
         [before, newest].into_iter().flatten().reduce(f64::max)
+    }
+
+    /// Highest id of an alarm so far; 0: none was raised.
+    #[must_use]
+    pub fn last_id(&self) -> u64 {
+        self.next_id - 1
+    }
+
+    /// Highest number of an event so far; 0: none.
+    #[must_use]
+    pub fn last_sequence(&self) -> u64 {
+        self.next_sequence - 1
     }
 
     /// Policy.

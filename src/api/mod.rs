@@ -12,6 +12,7 @@ mod extract;
 mod guard;
 mod machines;
 mod signals;
+mod trends;
 mod spectra;
 mod cwt;
 mod alarms;
@@ -78,7 +79,8 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(machines::diagnosis))
         .routes(routes!(signals::channels))
         .routes(routes!(signals::waveform))
-        .routes(routes!(signals::trend))
+        .routes(routes!(trends::trend))
+        .routes(routes!(trends::component))
         .routes(routes!(spectra::spectrum))
         .routes(routes!(cwt::cwt))
         .routes(routes!(alarms::list))

@@ -9,7 +9,7 @@ use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
 use super::wire::system::{
     EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire, StoreWire, StreamWire,
-    SystemWire,
+    SystemWire, TrendStoreWire,
 };
 use axum::Json;
 use axum::extract::State;
@@ -115,6 +115,19 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             open: events.open.get(),
             refused: events.refused.get(),
             stalled: events.stalled.get(),
+        }),
+        trends: state.trends.as_ref().map(|trends| {
+            let holdings = *trends.holdings.borrow();
+            TrendStoreWire {
+                failure: trends.status.failure(),
+                stored: trends.status.n_stored(),
+                waiting: trends.status.n_waiting(),
+                lost: trends.status.n_lost(),
+                files: holdings.n_files,
+                bytes: holdings.bytes,
+                removed: holdings.n_removed,
+                set_aside: holdings.n_set_aside,
+            }
         }),
         streams: streams.collect(),
     })

@@ -1,13 +1,11 @@
-//! Channels, raw samples and trends.
+//! Channels and raw samples.
 
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, channel, newest};
 use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, SourceState, Waveform};
 use super::wire::problem::ProblemWire;
-use super::wire::signals::{
-    ChannelListWire, ChannelWire, TrendColumnWire, TrendWire, Validity, WaveformWire,
-};
+use super::wire::signals::{ChannelListWire, ChannelWire, Validity, WaveformWire};
 use super::wire::{finite, finite_column};
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
@@ -17,7 +15,6 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use std::sync::Arc;
 use utoipa::IntoParams;
 
 /// Most samples of one answer.
@@ -269,73 +266,4 @@ fn binary_response(run: &Run) -> Response {
         }
     }
     response
-}
-
-/// Which features.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct TrendQuery {
-    /// Names, with commas between; all by default.
-    features: Option<String>,
-    /// At most this many points a feature, smallest and largest of each stretch.
-    #[param(minimum = 2, maximum = 200_000, default = 2000)]
-    max_points: Option<usize>,
-}
-
-/// Gives the features of a channel over the windows held in memory.
-#[utoipa::path(
-    get,
-    path = "/api/v1/machines/{id}/channels/{name}/trend",
-    tag = "signals",
-    params(
-        ("id" = String, Path, description = "Machine id"),
-        ("name" = String, Path, description = "Channel name"),
-        TrendQuery,
-    ),
-    responses(
-        (status = OK, body = TrendWire),
-        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
-        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
-        (status = SERVICE_UNAVAILABLE, body = ProblemWire,
-         content_type = "application/problem+json"),
-    )
-)]
-pub(super) async fn trend(
-    State(state): State<ApiState>,
-    Path((id, name)): Path<(String, String)>,
-    Query(query): Query<TrendQuery>,
-) -> Result<Json<TrendWire>, ApiError> {
-    let max_points = in_range("max_points", query.max_points, 2000, 2, MAX_POINTS)?;
-    let handle = state.machine(&id)?;
-    let view: Arc<MachineView> = newest(handle);
-    let (index, _) = channel(&view, &name)?;
-    let trend = state.ask(handle, |reply| ShardRequest::Trend { channel: index, reply }).await?;
-    let wanted: Option<Vec<&str>> =
-        query.features.as_deref().map(|names| names.split(',').map(str::trim).collect());
-    let known = |wanted: &&str| trend.columns.iter().any(|(name, ..)| name == wanted);
-    if let Some(missing) = wanted.iter().flatten().find(|wanted| !known(wanted)) {
-        let names: Vec<&str> = trend.columns.iter().map(|(name, ..)| name.as_str()).collect();
-        return Err(ApiError::Invalid(format!(
-            "no feature {missing:?} of {name:?} is held, allowed are: {}",
-            names.join(", ")
-        )));
-    }
-    let n_windows = trend.time_s.len();
-    let features = trend
-        .columns
-        .iter()
-        .filter(|(name, ..)| wanted.as_ref().is_none_or(|wanted| wanted.contains(&name.as_str())))
-        .map(|(name, unit, values)| {
-            let n = n_windows.min(values.len());
-            let kept = decimate::min_max(n, max_points, |i| values[i]);
-            TrendColumnWire {
-                name: name.clone(),
-                unit: unit.symbol().to_owned(),
-                time_s: finite_column(kept.iter().map(|i| trend.time_s[*i])),
-                value: finite_column(kept.iter().map(|i| values[*i])),
-            }
-        })
-        .collect();
-    Ok(Json(TrendWire { channel: name, decimated: n_windows > max_points, n_windows, features }))
 }

@@ -3,6 +3,7 @@
 use super::error::ApiError;
 use super::view::{
     BaselineHandle, EventsHandle, MachineHandle, MachineView, ShardRequest, StoreHandle,
+    TrendHandle,
 };
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
@@ -76,6 +77,8 @@ pub struct ApiState {
     pub(super) events: Option<EventsHandle>,
     /// One permit a stream of events.
     pub(super) streams: Arc<Semaphore>,
+    /// The history of trends; `None`: there is none.
+    pub(super) trends: Option<TrendHandle>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -113,7 +116,14 @@ impl ApiState {
             store: None,
             baselines: None,
             events: None,
+            trends: None,
         }
+    }
+
+    /// Reads older trends.
+    #[must_use]
+    pub fn with_trends(self, trends: TrendHandle) -> Self {
+        Self { trends: Some(trends), ..self }
     }
 
     /// Keeps baselines.

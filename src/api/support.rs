@@ -4,8 +4,9 @@ use super::router;
 use super::state::{ApiState, Settings};
 use super::tests::baselines::sample_measured;
 use super::view::{
-    AlarmHistory, BaselineHandle, EventsHandle, MachineHandle, MachineView, NotTaken, ScenarioRequest, ShardBusy,
-    ShardRequest, SimulationHandle, SourceState, StoreHandle, Trend, Waveform,
+    AlarmHistory, BaselineHandle, EventsHandle, MachineHandle, MachineView, NotTaken,
+    ScenarioRequest, ShardBusy, ShardRequest, SimulationHandle, SourceState, StoreHandle, Trend,
+    Waveform,
 };
 use crate::alarms::load;
 use crate::alarms::{self, AlarmEngine, Moment};

@@ -23,6 +23,8 @@ use crate::store::Archive;
 use crate::store::BaselineStore;
 use crate::store::audit::AuditLog;
 use crate::store::events::EventLog;
+use crate::store::trends::Holdings;
+use crate::store::trends::TrendArchive;
 use crate::store::writer::Status;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
@@ -327,6 +329,23 @@ pub struct EventsHandle {
 impl std::fmt::Debug for EventsHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("EventsHandle").field("receivers", &self.receivers).finish_non_exhaustive()
+    }
+}
+
+/// The history of trends, as the API sees it.
+#[derive(Clone)]
+pub struct TrendHandle {
+    /// What is stored.
+    pub archive: Arc<dyn TrendArchive>,
+    /// How storing is doing.
+    pub status: Arc<Status>,
+    /// What it takes on the disk.
+    pub holdings: watch::Receiver<Holdings>,
+}
+
+impl std::fmt::Debug for TrendHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("TrendHandle").field("status", &self.status).finish_non_exhaustive()
     }
 }
 

@@ -18,6 +18,11 @@ use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated::Desk;
+use super::trending;
+use super::trending::Budget;
+use super::trending::TrendKeeper;
+use super::trending::TrendPlan;
+use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::api::view::BaselineHandle;
@@ -26,6 +31,8 @@ use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
 use crate::api::view::Submit;
+use crate::api::view::TrendHandle;
+use crate::capture::recording::store::Store as Recordings;
 use crate::causes::with_causes;
 use crate::config::Config;
 use crate::config::MachineConfig;
@@ -51,6 +58,8 @@ use crate::store::StoreError;
 use crate::store::StreamKey;
 use crate::store::active_records;
 use crate::store::sqlite;
+use crate::store::trends;
+use crate::store::trends::SqliteTrends;
 use crate::telemetry::Metrics;
 use std::collections::BTreeMap;
 use std::fs;
@@ -58,6 +67,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::Mutex;
 use std::thread;
 use std::time::UNIX_EPOCH;
 
@@ -108,6 +118,26 @@ pub enum StartError {
         file: PathBuf,
         /// Why.
         source: Box<OfflineError>,
+    },
+    /// The trends that are to be kept do not fit.
+    #[error(
+        "the trends of {n_channels} channels will take about {needed_bytes} bytes ({windows_bytes} for trend_days, \
+         {minutes_bytes} for trend_1min_days, {hours_bytes} for trend_1h_days) and {limit_bytes} of store.max_bytes \
+         are for them: raise max_bytes, keep trends for fewer days, or lengthen hop_seconds"
+    )]
+    Trends {
+        /// Channels.
+        n_channels: usize,
+        /// All tiers.
+        needed_bytes: u64,
+        /// Every window.
+        windows_bytes: u64,
+        /// Minutes.
+        minutes_bytes: u64,
+        /// Hours.
+        hours_bytes: u64,
+        /// What is allowed.
+        limit_bytes: u64,
     },
     /// The store cannot be used.
     #[error(transparent)]
@@ -183,6 +213,8 @@ pub(super) struct Plan {
     pub(super) baselines: BaselineHandle,
     pub(super) events: EventsHandle,
     pub(super) notify: NotifyPlan,
+    pub(super) trending: TrendPlan,
+    pub(super) trends: TrendHandle,
 }
 
 /// Builds everything.
@@ -199,6 +231,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let baselines = baselines::handle(config)?;
     let (events, notify) = notify::plan(config, &keeper, &metrics)?;
     let store = recording::open_store(config);
+    let (trend_keeper, trending, trends) = open_trends(config, &streams, &metrics, store.clone())?;
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
             queue: Arc::new(ShardQueue::new(QUEUE_BYTES, MAX_REQUESTS)),
@@ -232,7 +265,8 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         let tells_store = handles.is_empty();
         let learned = active_records(&*baselines.store, &entry.machine.id)?;
         let health = events.log.health(&entry.machine.id)?;
-        let opened = monitor(config, entry, info, (&keeper, tells_store), (learned, health))?;
+        let keepers = (&keeper, tells_store, &trend_keeper);
+        let opened = monitor(config, entry, info, keepers, (learned, health))?;
         let (work, simulation) = work(entry, simulated, &metrics);
         if opened.monitor.is_some() {
             let machine = Arc::clone(&entry.machine);
@@ -256,7 +290,19 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
             submit,
         });
     }
-    Ok(Plan { shards, sources, handles, metrics, keeper, keeping, baselines, events, notify })
+    Ok(Plan {
+        shards,
+        sources,
+        handles,
+        metrics,
+        keeper,
+        keeping,
+        baselines,
+        events,
+        notify,
+        trending,
+        trends,
+    })
 }
 
 impl Plan {
@@ -328,6 +374,51 @@ fn open_keeper(config: &Config, metrics: &Metrics) -> Result<(Keeper, KeeperPlan
     Ok(Keeper::new(Box::new(store), Arc::new(archive), metrics.store()))
 }
 
+/// Opens the store of trends, says what they will take, and refuses what cannot fit.
+fn open_trends(
+    config: &Config,
+    streams: &[Result<Stream, String>],
+    metrics: &Metrics,
+    recordings: Option<Arc<Mutex<Recordings>>>,
+) -> Result<(TrendKeeper, TrendPlan, TrendHandle), StartError> {
+    let directory = &config.store.directory;
+    let store = SqliteTrends::open(directory, config.store.trends)?;
+    let channels =
+        streams.iter().filter_map(|stream| Some(stream.as_ref().ok()?.info.channels.len()));
+    let (n_channels, hop_s) = (channels.sum(), config.monitor.hop_s);
+    let features = store.features_per_channel();
+    let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
+    let segment_bytes = config.recording.map_or(0, |recording| recording.segment_bytes);
+    let budget = Budget {
+        max_bytes: config.store.max_bytes,
+        for_recordings: segment_bytes.saturating_mul(config.machines.len() as u64 + 1),
+        recordings,
+    };
+    let limit_bytes = budget.max_bytes.saturating_sub(budget.for_recordings);
+    let trends::Projection { windows_bytes, minutes_bytes, hours_bytes } = needed;
+    let needed_bytes = needed.total();
+    tracing::info!(
+        n_channels,
+        needed_bytes,
+        windows_bytes,
+        minutes_bytes,
+        hours_bytes,
+        limit_bytes,
+        "projected size of trends"
+    );
+    if needed_bytes > limit_bytes {
+        return Err(StartError::Trends {
+            n_channels,
+            needed_bytes,
+            windows_bytes,
+            minutes_bytes,
+            hours_bytes,
+            limit_bytes,
+        });
+    }
+    Ok(trending::open(directory, store, budget, metrics.trends()))
+}
+
 /// What tells a stream from others after a restart: a capture that is played once, as it is on the disk,
 /// judged by the same configuration.
 fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) -> StreamKey {
@@ -367,7 +458,7 @@ fn monitor(
     config: &Config,
     entry: &MachineConfig,
     stream: Result<StreamInfo, String>,
-    (keeper, tells_store): (&Keeper, bool),
+    (keeper, tells_store, trends): (&Keeper, bool, &TrendKeeper),
     (learned, health): (Vec<Record>, BTreeMap<Subject, Health>),
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
@@ -395,6 +486,7 @@ fn monitor(
                 alarm_events,
                 health: HealthWatch::new(health, None),
                 keeper,
+                trending: None,
             });
         }
     };
@@ -407,7 +499,9 @@ fn monitor(
     let key = stream_key(config, entry, info.start_time);
     let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
     let judged_until_s = monitor.alarms().judged_until_s();
+    let trending = Trending::new(trends.clone(), &machine.id, &key, monitor.channels());
     Ok(Opened {
+        trending: Some(trending),
         monitor: Some(monitor),
         source: SourceState::Starting,
         start_time: info.start_time,

@@ -93,13 +93,15 @@ impl Daemon {
         let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, notify) = (plan.events, plan.notify);
+        let (trending, trends) = (plan.trending, plan.trends);
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(2 + shards.len() + sources.len() + notify.n_threads());
-        let watch_stop = Arc::clone(&stop);
+        let mut threads = Threads::new(3 + shards.len() + sources.len() + notify.n_threads());
+        let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
         let started = threads
             .start("store".to_owned(), move || keeping.run())
             .and_then(|()| threads.start("baselines".to_owned(), move || watch.run(&watch_stop)))
+            .and_then(|()| threads.start("trends".to_owned(), move || trending.run(&trend_stop)))
             .and_then(|()| {
                 let start = |name, work| threads.start(name, work);
                 notify.start(runtime.handle(), &handles, &server_stop, start)
@@ -125,7 +127,8 @@ impl Daemon {
         let stalled = events.stalled.clone();
         let state = state.with_store(store).with_baselines(baselines).with_events(events);
         let listener = http::Patient::new(listener, stalled);
-        let server = runtime.spawn(http::serve(listener, http::router(state), server_stop.clone()));
+        let router = http::router(state.with_trends(trends));
+        let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {
             address,
@@ -265,6 +268,7 @@ fn system(what: &'static str, source: io::Error) -> StartError {
 /// Names the shards that do not come round, and why alarms cannot be stored.
 fn readiness(plan: &Plan) -> ReadinessCheck {
     let status = Arc::clone(&plan.keeper.status);
+    let trends = Arc::clone(&plan.trends.status);
     let heartbeats: Vec<Arc<Heartbeat>> =
         plan.shards.iter().map(|shard| Arc::clone(&shard.heartbeat)).collect();
     Arc::new(move || {
@@ -274,6 +278,7 @@ fn readiness(plan: &Plan) -> ReadinessCheck {
                 format!("shard {shard} has not moved for {} s", beat.age().as_secs())
             })
             .chain(status.failure().map(|why| format!("alarms cannot be stored: {why}")))
+            .chain(trends.failure().map(|why| format!("trends cannot be stored: {why}")))
             .collect()
     })
 }

@@ -13,6 +13,7 @@ pub mod queue;
 pub mod link;
 pub mod trend;
 pub mod keeper;
+pub mod trending;
 mod alarming;
 mod baselines;
 mod learning;

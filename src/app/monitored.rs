@@ -6,6 +6,7 @@ use super::learning::Seen;
 use super::link::Input;
 use super::link::Losses;
 use super::trend::TrendStore;
+use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::alarms::load::Load;
@@ -57,6 +58,8 @@ pub struct Opened {
     pub health: HealthWatch,
     /// Way to the store.
     pub keeper: MachineKeeper,
+    /// Way of trends to the store; `None`: they are not stored.
+    pub trending: Option<Trending>,
 }
 
 /// The machine.
@@ -76,6 +79,8 @@ pub struct Monitored {
     features: Arc<Vec<ChannelFeatures>>,
     /// One a channel.
     trends: Vec<TrendStore>,
+    /// Their way to the store.
+    trending: Option<Trending>,
     /// The windows behind them.
     seen: Seen,
     losses: Arc<Losses>,
@@ -107,6 +112,7 @@ impl Monitored {
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
+            trending: opened.trending,
             seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
@@ -137,6 +143,7 @@ impl Monitored {
                 if self.source == SourceState::Finished {
                     let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
                     self.take_outcomes(outcomes, None, queue_bytes);
+                    self.trending.iter_mut().for_each(Trending::close);
                     let judged = self.monitor.as_ref().zip(self.diagnosis.as_deref());
                     let recounted = judged.map(|(m, d)| Arc::new(m.recounted(d)));
                     self.diagnosis = recounted.or(self.diagnosis.take());
@@ -201,6 +208,7 @@ impl Monitored {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         self.alarming.tick(engine, &self.source, queue_bytes > 0, stream_s);
+        self.trending.iter_mut().for_each(Trending::tick);
         self.publish(queue_bytes);
     }
 
@@ -282,6 +290,7 @@ impl Monitored {
             self.state_since_s =
                 since(self.diagnosis.as_deref(), &self.state_since_s, &outcome.diagnosis, end_s);
             self.seen.push(&outcome);
+            self.trending.iter_mut().for_each(|trending| trending.take(&outcome));
             for features in &outcome.features {
                 if let Some(trend) = self.trends.get_mut(features.channel.0) {
                     trend.push(end_s, features);

@@ -142,6 +142,7 @@ pub(super) fn running_on(
         health: HealthWatch::default(),
         alarm_events: Vec::new(),
         keeper: MachineKeeper::new(keeper, "rig-1", StreamKey::default(), true),
+        trending: None,
     };
     thread::spawn(move || keeping.run());
     let (monitored, view) =

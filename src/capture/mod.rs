@@ -36,6 +36,7 @@ mod since_1970;
 mod convert;
 mod stream;
 mod table;
+pub mod trend;
 mod csv;
 mod wav;
 

@@ -173,10 +173,8 @@ enum BaselineError {
     Json(#[from] serde_json::Error),
     #[error("{} cannot be learned from", file.display())]
     Measure { file: PathBuf, source: Box<OfflineError> },
-    #[error("no machine {wanted:?} is configured; there is: {there}")]
-    NoMachine { wanted: String, there: String },
-    #[error("several machines are configured: name one with --machine: {there}")]
-    WhichMachine { there: String },
+    #[error(transparent)]
+    Machine(#[from] NoSuchMachine),
     #[error(
         "no baseline of {machine:?} has an id that begins with {id:?}; `rotorwatch baseline list` shows them"
     )]
@@ -185,6 +183,15 @@ enum BaselineError {
     Ambiguous { id: String, n: usize },
     #[error(transparent)]
     Keep(#[from] KeepError),
+}
+
+/// Why it is not clear which machine is meant.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum NoSuchMachine {
+    #[error("no machine {wanted:?} is configured; there is: {there}")]
+    Unknown { wanted: String, there: String },
+    #[error("several machines are configured: name one with --machine: {there}")]
+    Which { there: String },
 }
 
 /// Works on baselines; exit code 0, or 2 when nothing was done.
@@ -208,19 +215,19 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 /// The machine that is meant.
-fn machine<'c>(
+pub(super) fn machine<'c>(
     config: &'c Config,
     wanted: Option<&str>,
-) -> Result<&'c MachineConfig, BaselineError> {
+) -> Result<&'c MachineConfig, NoSuchMachine> {
     let ids: Vec<&str> = config.machines.iter().map(|entry| entry.machine.id.as_str()).collect();
     let there = || if ids.is_empty() { "none".to_owned() } else { ids.join(", ") };
     match (wanted, config.machines.as_slice()) {
         (None, [only]) => Ok(only),
-        (None, _) => Err(BaselineError::WhichMachine { there: there() }),
+        (None, _) => Err(NoSuchMachine::Which { there: there() }),
         (Some(id), entries) => entries
             .iter()
             .find(|entry| entry.machine.id == id)
-            .ok_or_else(|| BaselineError::NoMachine { wanted: id.to_owned(), there: there() }),
+            .ok_or_else(|| NoSuchMachine::Unknown { wanted: id.to_owned(), there: there() }),
     }
 }
 

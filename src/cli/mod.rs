@@ -19,6 +19,8 @@ pub mod serve;
 pub mod demo;
 pub mod baseline;
 pub mod alarms;
+pub mod export;
+pub mod replay_alarms;
 pub mod bench;
 pub mod openapi;
 pub mod completions;
@@ -105,6 +107,12 @@ pub enum Command {
     /// List the alarms of a daemon, and act on them
     #[command(after_help = alarms::EXAMPLES)]
     Alarms(alarms::Arguments),
+    /// Write stored trends and alarms as CSV or HDF5
+    #[command(after_help = export::EXAMPLES)]
+    Export(export::Arguments),
+    /// Say what other limits or delays would have raised in the stored history
+    #[command(after_help = replay_alarms::EXAMPLES)]
+    ReplayAlarms(replay_alarms::Arguments),
     /// Measure the simulator: speed against error, and its hard cases
     #[command(after_help = bench::EXAMPLES)]
     Bench(bench::Arguments),
@@ -140,6 +148,8 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Baseline(arguments) => baseline::run(arguments),
         Command::Alarms(arguments) => alarms::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
+        Command::ReplayAlarms(arguments) => replay_alarms::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Openapi(arguments) => openapi::run(arguments),
         Command::Completions(arguments) => completions::run(arguments),

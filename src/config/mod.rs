@@ -18,6 +18,7 @@ use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::notify::settings as receivers;
 use crate::pipeline;
+use crate::store::trends::Retention;
 use std::fmt;
 use std::fs;
 use std::net::Ipv4Addr;
@@ -50,13 +51,22 @@ pub struct Config {
     pub machines: Vec<MachineConfig>,
 }
 
-/// Where recordings are kept.
+/// Where recordings and trends are kept.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     /// Folder.
     pub directory: PathBuf,
-    /// Most bytes of recordings in it.
+    /// Most bytes of recordings and trends in it.
     pub max_bytes: u64,
+    /// How long trends are kept.
+    pub trends: Retention,
+}
+
+impl Default for Store {
+    fn default() -> Self {
+        let directory = PathBuf::from("data");
+        Self { directory, max_bytes: 20_000_000_000, trends: Retention::default() }
+    }
 }
 
 /// How recordings are cut and stored unless the configuration says otherwise.
@@ -89,7 +99,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
-            store: Store { directory: PathBuf::from("data"), max_bytes: 20_000_000_000 },
+            store: Store::default(),
             recording: None,
             workers: 0,
             memory_limit_bytes: 2_000_000_000,

@@ -32,6 +32,9 @@ pub(super) struct Server {
 pub(super) struct Store {
     pub(super) directory: Option<String>,
     pub(super) max_bytes: Option<u64>,
+    pub(super) trend_days: Option<u32>,
+    pub(super) trend_1min_days: Option<u32>,
+    pub(super) trend_1h_days: Option<u32>,
 }
 
 /// `[recording]`

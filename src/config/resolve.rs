@@ -22,6 +22,7 @@ use crate::simulator::scenario;
 use crate::simulator::scenario::Wanted;
 use crate::simulator::scene::Scene;
 use crate::simulator::scene::builtin;
+use crate::store::trends::Retention;
 use crate::units::Hz;
 use crate::units::SourceUnit;
 use std::collections::BTreeMap;
@@ -52,12 +53,14 @@ pub(super) fn config(
     let n_machines = raw.machine.len() as u64;
     let machines = resolver.machines(raw.machine, raw.source);
     let notify = resolver.receivers(raw.notify, &machines);
+    let trends = retention(&raw.store, default.store.trends);
     Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
         store: Store {
             directory: base
                 .join(raw.store.directory.map_or(default.store.directory, PathBuf::from)),
             max_bytes,
+            trends,
         },
         recording: resolver.recording(&raw.recording, n_machines, max_bytes),
         workers: raw.pipeline.workers.unwrap_or(default.workers),
@@ -423,6 +426,15 @@ struct ReadMachine {
     file: PathBuf,
     machine: Arc<Machine>,
     baseline: Vec<PathBuf>,
+}
+
+/// How long trends are kept.
+fn retention(raw: &raw::Store, default: Retention) -> Retention {
+    Retention {
+        windows_days: raw.trend_days.unwrap_or(default.windows_days),
+        minutes_days: raw.trend_1min_days.unwrap_or(default.minutes_days),
+        hours_days: raw.trend_1h_days.unwrap_or(default.hours_days),
+    }
 }
 
 /// Fills the alarm engine's settings.

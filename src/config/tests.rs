@@ -46,7 +46,7 @@ file = "x.h5"
 fn the_reference_parses_to_the_defaults() {
     let dir = folder(REFERENCE);
     let config = load_with(&dir.path().join("serve.toml"), []).unwrap();
-    let store = Store { directory: dir.path().join("data"), max_bytes: 20_000_000_000 };
+    let store = Store { directory: dir.path().join("data"), ..Store::default() };
     assert_eq!(config, Config { store, ..Config::default() });
 }
 

@@ -82,6 +82,8 @@ pub struct Outcome {
     pub time_s: (f64, f64),
     /// Named numbers by channel.
     pub features: Vec<ChannelFeatures>,
+    /// Channels of which the window holds too little.
+    pub absent: Vec<ChannelIndex>,
     /// The verdict on this window.
     pub diagnosis: Arc<Diagnosis>,
     /// The window's part of a verdict over several windows ([`summary::conclude`]).
@@ -342,6 +344,7 @@ impl Monitor {
         let outcome = Outcome {
             time_s,
             features: shown,
+            absent,
             diagnosis: Arc::new(diagnosis),
             judged,
             alarm_events,

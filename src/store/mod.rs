@@ -13,6 +13,7 @@ mod rows;
 mod schema;
 pub mod sqlite;
 pub mod writer;
+pub mod trends;
 
 pub use baselines::SqliteBaselines;
 pub use keep::{KeepError, keep, take_away, use_again};
@@ -316,6 +317,40 @@ pub enum StoreError {
         to: u32,
         /// Why.
         source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A file of trends that a newer program wrote.
+    #[error(
+        "{} has trends of schema {found}, and this program knows up to {known}: start the newer program, or \
+         move the file away; until then its trends are neither written nor read, and alarms go on",
+        file.display()
+    )]
+    NewerTrends {
+        /// The file.
+        file: PathBuf,
+        /// Its schema.
+        found: u32,
+        /// The newest schema known.
+        known: u32,
+    },
+    /// A file of trends is damaged.
+    #[error(
+        "{} is damaged ({found}): restore it from a backup or move it away; trends of its time are lost, \
+         alarms go on",
+        file.display()
+    )]
+    DamagedTrends {
+        /// The file.
+        file: PathBuf,
+        /// What was found.
+        found: String,
+    },
+    /// More was asked for than one answer holds.
+    #[error(
+        "the answer would have more than {max} points: ask for a shorter span or a coarser tier"
+    )]
+    TooMuch {
+        /// Most points.
+        max: usize,
     },
     /// A row says what this program does not know.
     #[error("the store holds {what} {found:?}, which this program does not know")]

@@ -7,6 +7,7 @@ use crate::alarms::state::Silence;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::OperatingState;
 
 macro_rules! names {
     ($($(#[doc = $doc:literal])+ $read:ident: $type:ty { $($variant:ident),+ $(,)? })+) => {
@@ -33,6 +34,8 @@ names! {
     }
     /// State of a component or machine.
     health: State { Undetermined, Healthy, Warning, Damaged }
+    /// Whether a machine runs.
+    operating: OperatingState { Running, Stopped, Transient, Unknown }
     /// Level of an alarm.
     level: Level { Warning, Damaged }
     /// State of an alarm.

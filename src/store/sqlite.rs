@@ -87,6 +87,25 @@ pub fn open(directory: &Path) -> Result<(SqliteStore, SqliteArchive), StoreError
     Ok((store, SqliteArchive { connection: Mutex::new(reading) }))
 }
 
+/// Opens the database in `directory` for reading alone, beside a daemon or without; `None`: there is none.
+///
+/// # Errors
+/// When it cannot be used, or a daemon with another schema has it.
+pub fn read_only(directory: &Path) -> Result<Option<SqliteArchive>, StoreError> {
+    let file = directory.join(FILE);
+    if !file.is_file() {
+        return Ok(None);
+    }
+    // Without a daemon it is checked, and brought up to date.
+    match alone(directory) {
+        Ok(_) => {}
+        Err(StoreError::InUse { .. }) => drop(beside(&file)?),
+        Err(error) => return Err(error),
+    }
+    let reading = reading(&file).map_err(|error| with_place(error, &file))?;
+    Ok(Some(SqliteArchive { connection: Mutex::new(reading) }))
+}
+
 /// Opens the database in `directory` for writing as its only process, and brings it up to date.
 pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> {
     let refused = |source| StoreError::Folder { directory: directory.to_owned(), source };

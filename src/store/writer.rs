@@ -73,6 +73,21 @@ impl Status {
         self.n_lost.fetch_add(n_events as u64, Ordering::Relaxed);
     }
 
+    /// Counts what was stored.
+    pub(super) fn count_stored(&self, n: u64) {
+        self.n_stored.fetch_add(n, Ordering::Relaxed);
+    }
+
+    /// Notes how much waits.
+    pub(super) fn set_waiting(&self, n: u64) {
+        self.n_waiting.store(n, Ordering::Relaxed);
+    }
+
+    /// Notes why nothing can be stored, or that it can.
+    pub(super) fn set_failure(&self, why: Option<String>) {
+        *self.lock() = why;
+    }
+
     fn lock(&self) -> MutexGuard<'_, Option<String>> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -168,6 +168,25 @@ pub struct StreamMetrics {
     pub stalled: Counter,
 }
 
+/// How the store of trends is doing.
+#[derive(Debug, Clone, Default)]
+pub struct TrendMetrics {
+    /// Points stored.
+    pub stored: Counter,
+    /// Points that will never be.
+    pub lost: Counter,
+    /// Points that wait for the store to recover.
+    pub waiting: Gauge,
+    /// 1 while it refuses.
+    pub failing: Gauge,
+    /// Bytes on the disk.
+    pub bytes: Gauge,
+    /// Files.
+    pub files: Gauge,
+    /// Damaged files put aside since the start.
+    pub set_aside: Gauge,
+}
+
 /// Gauges of a simulated source.
 #[derive(Debug, Clone, Default)]
 pub struct SimulationMetrics {
@@ -207,6 +226,7 @@ pub struct Metrics {
     notifications_waiting: Family<ReceiverLabels, Gauge>,
     receiver_failing: Family<ReceiverLabels, Gauge>,
     streams: StreamMetrics,
+    trends: TrendMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -255,6 +275,7 @@ impl Metrics {
             notifications_waiting: Family::default(),
             receiver_failing: Family::default(),
             streams: StreamMetrics::default(),
+            trends: TrendMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -335,6 +356,21 @@ impl Metrics {
             store.waiting.clone(),
         );
         registry.register("store_failing", "Whether the store refuses", store.failing.clone());
+        self.register_trends(registry);
+    }
+
+    fn register_trends(&self, registry: &mut Registry) {
+        let TrendMetrics { stored, lost, waiting, failing, bytes, files, set_aside } = &self.trends;
+        registry.register("trend_points_stored", "Trend points stored", stored.clone());
+        let text = "Trend points that will never be stored";
+        registry.register("trend_points_lost", text, lost.clone());
+        let text = "Trend points that wait for the store to recover";
+        registry.register("trend_points_waiting", text, waiting.clone());
+        registry.register("trends_failing", "Whether trends are refused", failing.clone());
+        registry.register("trend_bytes", "Bytes of stored trends", bytes.clone());
+        registry.register("trend_files", "Files of stored trends", files.clone());
+        let text = "Damaged files of trends put aside since the start";
+        registry.register("trend_files_set_aside", text, set_aside.clone());
     }
 
     fn register_simulation(&self, registry: &mut Registry) {
@@ -453,6 +489,12 @@ impl Metrics {
     #[must_use]
     pub fn store(&self) -> StoreMetrics {
         self.store.clone()
+    }
+
+    /// How the store of trends is doing.
+    #[must_use]
+    pub fn trends(&self) -> TrendMetrics {
+        self.trends.clone()
     }
 
     /// Counters of a channel.

@@ -20,6 +20,7 @@ mod rubbish;
 mod recordings;
 mod recorder;
 mod kill;
+mod trends;
 mod baseline;
 mod page;
 mod diagnose;

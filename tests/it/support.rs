@@ -86,8 +86,22 @@ pub(crate) fn write_ramp(dir: &TempDir, name: &str, rate_hz: f64, n_samples: u32
 
 /// Writes a capture of channel `right_x`, m/s², as `name` in `dir`.
 pub(crate) fn write_samples(dir: &TempDir, name: &str, rate_hz: f64, samples: &[f64]) {
-    let mut writer =
-        CaptureWriter::create(&dir.path().join(name), &CaptureHeader::default()).unwrap();
+    write_started(dir, name, (rate_hz, ""), samples);
+}
+
+/// Writes a capture of channel `right_x`, m/s², that began at a time (RFC 3339), or does not say when.
+pub(crate) fn write_started(
+    dir: &TempDir,
+    name: &str,
+    (rate_hz, start): (f64, &str),
+    samples: &[f64],
+) {
+    let start_time = start
+        .parse::<jiff::Timestamp>()
+        .ok()
+        .map(|time| rotorwatch::signal::Timestamp(i64::try_from(time.as_nanosecond()).unwrap()));
+    let header = CaptureHeader { start_time, ..CaptureHeader::default() };
+    let mut writer = CaptureWriter::create(&dir.path().join(name), &header).unwrap();
     let header = ChannelHeader {
         name: "right_x".to_owned(),
         sample_rate: Hz(rate_hz),

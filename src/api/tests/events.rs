@@ -78,10 +78,17 @@ async fn a_stream_begins_after_the_place_asked_for_and_tells_of_one_machine() {
     assert_eq!(n, 10, "{found:?}");
     assert_eq!(names(&found[..3]), ["begin 0", "alarm 1", "health 2"]);
     let (_, _, alarm) = &found[1];
-    assert_eq!((&alarm["id"], &alarm["event"], &alarm["place"]), (&"rig-1#1".into(), &"raised".into(), &1.into()));
+    assert_eq!(
+        (&alarm["id"], &alarm["event"], &alarm["place"]),
+        (&"rig-1#1".into(), &"raised".into(), &1.into())
+    );
     let (_, _, whole) = &found[2];
     assert_eq!((&whole["component"], &whole["state"]), (&Value::Null, &"damaged".into()));
-    assert!(found.iter().any(|(_, _, data)| data["component"] == "right" && data["fault"] == "inner_race"));
+    assert!(
+        found
+            .iter()
+            .any(|(_, _, data)| data["component"] == "right" && data["fault"] == "inner_race")
+    );
     let one = events(&service.get("/api/v1/events?last_event_id=0&machine=rig-1").await.body);
     assert_eq!(one.len(), 6, "{one:?}");
     let header = Request::get("/api/v1/events?last_event_id=0").header("last-event-id", "9");

@@ -17,6 +17,7 @@ pub mod baselines;
 pub mod problem;
 pub mod system;
 pub mod simulation;
+pub mod rerun;
 mod tooth;
 
 pub use names::*;

@@ -7,6 +7,7 @@ use crate::diagnosis::fault;
 use crate::diagnosis::verdict;
 use crate::evaluation::score;
 use crate::features::speed;
+use crate::store::trends;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -53,6 +54,15 @@ macro_rules! names {
 #[cfg(test)]
 trait Vocabulary: Sized {
     fn all_with_json() -> Vec<(Self, String)>;
+}
+
+names! {
+    /// How finely a trend is held.
+    TierName of trends::Tier {
+        Windows = "raw",
+        Minutes = "1min",
+        Hours = "1h",
+    }
 }
 
 names! {

@@ -1,6 +1,7 @@
 //! Channels, waveforms, spectra, scalograms and trends as JSON, in columns.
 
 use super::names::DetectorName;
+use super::{KindName, TierName};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -184,10 +185,39 @@ pub struct FeatureWire {
 pub struct TrendWire {
     /// Channel.
     pub channel: String,
+    /// What the points are.
+    #[serde(flatten)]
+    pub points: TrendPointsWire,
+}
+
+/// Verdicts on a component over time.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct ComponentTrendWire {
+    /// Component's kind.
+    pub kind: KindName,
+    /// Component's id.
+    pub component: String,
+    /// What the points are. Features are `state` (1 healthy, 2 warning, 3 damaged), `severity` and
+    /// `confidence`; null where it was not judged.
+    #[serde(flatten)]
+    pub points: TrendPointsWire,
+}
+
+/// The points of a trend.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct TrendPointsWire {
     /// Whether each column holds smallest and largest value of each stretch.
     pub decimated: bool,
-    /// Number of windows held.
+    /// Number of windows, minutes or hours there are.
     pub n_windows: usize,
+    /// `raw` (every window), `1min` or `1h`.
+    pub tier: TierName,
+    /// UTC of time 0 (RFC 3339); null: unknown, times of stored points count from 1970-01-01.
+    pub start_time: Option<String>,
+    /// Stretches without points, first and last time, s. In the columns each is a point without a value.
+    pub gaps: Vec<[Option<f64>; 2]>,
+    /// Parts that are missing because their file cannot be read, with the reason.
+    pub unreadable: Vec<String>,
     /// One entry a feature.
     pub features: Vec<TrendColumnWire>,
 }
@@ -199,8 +229,12 @@ pub struct TrendColumnWire {
     pub name: String,
     /// Unit.
     pub unit: String,
-    /// Window ends, s of stream time.
+    /// Window ends, or starts of minutes or hours, s of stream time.
     pub time_s: Vec<Option<f64>>,
-    /// Values.
+    /// Values; of minutes and hours their means.
     pub value: Vec<Option<f64>>,
+    /// Smallest value of each minute or hour; empty for windows.
+    pub low: Vec<Option<f64>>,
+    /// Largest value of each minute or hour; empty for windows.
+    pub high: Vec<Option<f64>>,
 }

@@ -35,6 +35,8 @@ pub struct SystemWire {
     pub receivers: Vec<ReceiverWire>,
     /// Streams of events over HTTP; null without a store.
     pub event_streams: Option<EventStreamsWire>,
+    /// How the store of trends is doing; null without one.
+    pub trends: Option<TrendStoreWire>,
     /// One entry a machine.
     pub streams: Vec<StreamWire>,
 }
@@ -82,6 +84,27 @@ pub struct StoreWire {
     pub waiting: u64,
     /// Alarm events that will never be stored.
     pub lost: u64,
+}
+
+/// How the store of trends is doing. A point is a window in a channel.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct TrendStoreWire {
+    /// Why nothing can be stored at the moment; null if all is well.
+    pub failure: Option<String>,
+    /// Points stored since the daemon started.
+    pub stored: u64,
+    /// Points that wait for the store to recover.
+    pub waiting: u64,
+    /// Points that will never be stored.
+    pub lost: u64,
+    /// Files there are.
+    pub files: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Files removed for their age or the store's limit since the daemon started.
+    pub removed: u64,
+    /// Damaged files put aside since the daemon started.
+    pub set_aside: u64,
 }
 
 /// How a machine's stream is doing.

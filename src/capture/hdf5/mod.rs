@@ -391,6 +391,10 @@ impl NewGroup {
 }
 
 impl NewGroup {
+    pub(super) fn group(&self, name: &str) -> Result<Self, LibraryError> {
+        guarded(|| self.inner.create_group(name)).map(|inner| Self { inner })
+    }
+
     pub(super) fn text(&self, name: &str, value: &str) -> Result<(), LibraryError> {
         guarded(|| self.inner.set_attr_string(name, value))
     }

@@ -176,6 +176,11 @@ impl Store {
         Ok(())
     }
 
+    /// Lets recordings take so many bytes from now on; kept when the next of them grows.
+    pub fn set_limit(&mut self, max_bytes: u64) {
+        self.max_bytes = max_bytes;
+    }
+
     /// Notes that a recording being written came to nothing.
     pub fn forget(&mut self, file: &Path) {
         self.growing.remove(file);
