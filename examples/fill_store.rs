@@ -166,7 +166,7 @@ fn rate() {
     while store.tidy(Timestamp(i64::MAX)).unwrap() {}
     let rolling_s = started.elapsed().as_secs_f64();
     commits_ms.sort_by(f64::total_cmp);
-    let at = |part: f64| commits_ms[(part * (commits_ms.len() - 1) as f64) as usize];
+    let at = |percent: usize| commits_ms[percent * (commits_ms.len() - 1) / 100];
     println!("10 000 channels of 12 features at 1 s, {seconds} s");
     println!("processor time a second: {:.4} s", cost_s / seconds);
     println!("  minutes and hours of it beside: {:.4} s", rolling_s / seconds);
@@ -174,9 +174,9 @@ fn rate() {
     println!("  with minutes and hours: {:.1}", bytes(folder.path()) as f64 / (1e4 * seconds));
     println!(
         "commit of 800 channels' minutes: median {:.1} ms, p99 {:.1} ms, worst {:.1} ms",
-        at(0.5),
-        at(0.99),
-        at(1.0)
+        at(50),
+        at(99),
+        at(100)
     );
 }
 

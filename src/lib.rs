@@ -6,6 +6,7 @@
 
 pub mod units;
 pub mod signal;
+pub mod tape;
 pub mod machine;
 pub mod dsp;
 pub mod buffer;
@@ -26,6 +27,7 @@ pub mod ingest;
 pub mod bench;
 pub mod store;
 pub mod api;
+pub mod evidence;
 pub mod dashboard;
 pub mod config;
 pub mod telemetry;

@@ -105,6 +105,21 @@ impl LimitJudge {
         }
     }
 
+    /// The levels of its channels, which hysteresis holds.
+    #[must_use]
+    pub fn levels(&self) -> Vec<Option<Level>> {
+        self.members.iter().map(|member| member.level).collect()
+    }
+
+    /// Goes on with levels that [`Self::levels`] gave; false: they are of another limit.
+    pub fn resume(&mut self, levels: &[Option<Level>]) -> bool {
+        let fits = levels.len() == self.members.len();
+        for (member, level) in self.members.iter_mut().zip(levels).filter(|_| fits) {
+            member.level = *level;
+        }
+        fits
+    }
+
     /// The limit.
     #[must_use]
     pub fn limit(&self) -> &AlarmLimit {
@@ -390,6 +405,18 @@ pub struct StartupClock {
 }
 
 impl StartupClock {
+    /// Since when it runs, s of stream time.
+    #[must_use]
+    pub fn since_s(&self) -> Option<f64> {
+        self.since_s
+    }
+
+    /// Running since then.
+    #[must_use]
+    pub fn running_since(since_s: Option<f64>) -> Self {
+        Self { since_s }
+    }
+
     /// Whether the window that ends at `time_s` lies in the transient that is declared: the speed changes,
     /// is within its range, and it has not lasted longer than it may.
     pub fn observe(

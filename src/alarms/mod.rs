@@ -12,6 +12,7 @@ pub mod policy;
 pub mod limit;
 mod slot;
 mod stated;
+mod decisions;
 pub mod load;
 pub mod past;
 
@@ -28,6 +29,7 @@ pub use alarm::Deadline;
 pub use alarm::EventKind;
 pub use alarm::Signature;
 pub use alarm::Silencing;
+pub use decisions::Decisions;
 pub use policy::{Level, Settings};
 
 use crate::diagnosis::fault::ComponentKind;

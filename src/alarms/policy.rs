@@ -7,6 +7,8 @@
 
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::OperatingState;
+use crate::tape::Reader;
+use crate::tape::Tape;
 
 /// Policy of the alarm engine.
 ///
@@ -60,6 +62,26 @@ impl Level {
             Self::Damaged => "damaged",
         }
     }
+
+    /// Writes a level or none.
+    pub fn write(level: Option<Self>, tape: &mut Tape) {
+        tape.write_count(match level {
+            None => 0,
+            Some(Self::Warning) => 1,
+            Some(Self::Damaged) => 2,
+        });
+    }
+
+    /// Reads what [`Self::write`] wrote; `None`: it is something else.
+    #[must_use]
+    pub fn read(tape: &mut Reader<'_>) -> Option<Option<Self>> {
+        match tape.count()? {
+            0 => Some(None),
+            1 => Some(Some(Self::Warning)),
+            2 => Some(Some(Self::Damaged)),
+            _ => None,
+        }
+    }
 }
 
 /// What one verdict says about the level of a component.
@@ -100,6 +122,15 @@ struct DelayedSwitch {
 }
 
 impl DelayedSwitch {
+    fn write(&self, tape: &mut Tape) {
+        tape.write_flag(self.on);
+        tape.write_option(self.differs_for_s);
+    }
+
+    fn read(tape: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { on: tape.flag()?, differs_for_s: tape.option()? })
+    }
+
     fn follow(&mut self, input: bool, evidence_s: f64, settings: &Settings) {
         if input == self.on {
             self.differs_for_s = None;
@@ -124,6 +155,18 @@ pub struct LevelTracker {
 }
 
 impl LevelTracker {
+    /// Writes all of it.
+    pub fn write(&self, tape: &mut Tape) {
+        self.warning.write(tape);
+        self.damaged.write(tape);
+    }
+
+    /// Reads what [`Self::write`] wrote; `None`: it is something else.
+    #[must_use]
+    pub fn read(tape: &mut Reader<'_>) -> Option<Self> {
+        Some(Self { warning: DelayedSwitch::read(tape)?, damaged: DelayedSwitch::read(tape)? })
+    }
+
     /// Stands at a level, as after a restart.
     #[must_use]
     pub fn at(level: Option<Level>) -> Self {

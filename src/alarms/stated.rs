@@ -7,6 +7,7 @@ use super::limit::LimitJudge;
 use super::limit::Measured;
 use super::limit::StartupClock;
 use super::policy::Level;
+use super::policy::LevelTracker;
 use super::policy::Observation;
 use super::policy::Settings;
 use super::slot::Finding;
@@ -25,6 +26,15 @@ struct Limit {
     judge: LimitJudge,
     settings: Settings,
     slot: Slot,
+}
+
+/// What the levels of the next window rest on beside the window, in the order of the machine file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct StatedDecisions {
+    pub(super) startup_since_s: Option<f64>,
+    /// Of each limit its delays and the levels of its channels.
+    pub(super) limits: Vec<(LevelTracker, Vec<Option<Level>>)>,
+    pub(super) channels: Vec<LevelTracker>,
 }
 
 /// A channel that should come.
@@ -122,6 +132,40 @@ impl Stated {
     pub(super) fn slots_mut(&mut self) -> impl Iterator<Item = &mut Slot> {
         let limits = self.limits.iter_mut().map(|limit| &mut limit.slot);
         limits.chain(self.channels.iter_mut().map(|channel| &mut channel.slot))
+    }
+
+    /// What the next window's levels rest on beside the window.
+    pub(super) fn decisions(&self) -> StatedDecisions {
+        let of_limit = |limit: &Limit| (limit.slot.tracker, limit.judge.levels());
+        StatedDecisions {
+            startup_since_s: self.clock.since_s(),
+            limits: self.limits.iter().map(of_limit).collect(),
+            channels: self.channels.iter().map(|channel| channel.slot.tracker).collect(),
+        }
+    }
+
+    /// Goes on with what [`Self::decisions`] gave; false: it is of another machine.
+    pub(super) fn resume(&mut self, kept: &StatedDecisions) -> bool {
+        let fits =
+            kept.limits.len() == self.limits.len() && kept.channels.len() == self.channels.len();
+        self.clock = StartupClock::running_since(kept.startup_since_s);
+        for (channel, tracker) in self.channels.iter_mut().zip(&kept.channels) {
+            channel.slot.tracker = *tracker;
+        }
+        let limits = self.limits.iter_mut().zip(&kept.limits);
+        limits.fold(fits, |fits, (limit, (tracker, levels))| {
+            limit.slot.tracker = *tracker;
+            limit.judge.resume(levels) && fits
+        })
+    }
+
+    /// The limits and channels that are above their level, in words, with it.
+    pub(super) fn raised(&self) -> Vec<(String, Level)> {
+        let limits = self.limits.iter().filter(|limit| limit.judge.limit().raises);
+        let limits = limits.map(|limit| (format!("limit {}", limit.judge.limit().id), &limit.slot));
+        let channels = self.channels.iter().map(|c| (format!("channel {}", c.name), &c.slot));
+        let level = |(name, slot): (String, &Slot)| Some((name, slot.tracker.level()?));
+        limits.chain(channels).filter_map(level).collect()
     }
 
     /// Judges the limits in a window that ends at `time_s` and adds `evidence_s`.

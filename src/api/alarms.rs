@@ -3,6 +3,7 @@
 //! The newest events are a shard's own, older ones the store's; together they read as one history, also
 //! while the store refuses.
 
+use super::captures;
 use super::error::ApiError;
 use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, newest};
@@ -84,7 +85,9 @@ pub(super) async fn list(
     }
     let next = (items.len() > limit).then(|| items[limit - 1].1.id.clone());
     items.truncate(limit);
-    Ok(Json(AlarmListWire { items: items.into_iter().map(|(_, item)| item).collect(), next }))
+    let mut items: Vec<AlarmWire> = items.into_iter().map(|(_, item)| item).collect();
+    captures::link(&state, &mut items.iter_mut().collect::<Vec<_>>()).await?;
+    Ok(Json(AlarmListWire { items, next }))
 }
 
 /// Which events.
@@ -221,7 +224,9 @@ pub(super) async fn show(
     let Some(alarm) = standing.or(events.first().map(|event| &event.alarm)) else {
         return Err(ApiError::NotFound(format!("no alarm {id:?} stands or is in the history")));
     };
-    Ok(Json(AlarmDetailWire::new(machine, alarm, &events, view.start_time)))
+    let mut detail = AlarmDetailWire::new(machine, alarm, &events, view.start_time);
+    captures::link(&state, &mut [&mut detail.alarm]).await?;
+    Ok(Json(detail))
 }
 
 /// Says what the alarms ask of an operator: rate, floods, chatter, stale alarms, which came first.

@@ -22,6 +22,7 @@ mod audit;
 mod service;
 mod simulation;
 mod baselines;
+mod captures;
 #[cfg(test)]
 mod support;
 #[cfg(test)]
@@ -36,6 +37,7 @@ use state::ApiState;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 use tower_http::timeout::TimeoutLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -60,6 +62,7 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
         (name = "alarms", description = "Alarms and operators' acts"),
         (name = "events", description = "What happens, as it happens"),
         (name = "audit", description = "Who did what, which configurations ran"),
+        (name = "captures", description = "Raw data around alarms, to be judged again"),
         (name = "baselines", description = "What is normal of a machine, by operating state"),
         (name = "simulation", description = "Simulated sources and their damage"),
     ),
@@ -98,6 +101,9 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(events::follow))
         .routes(routes!(audit::list))
         .routes(routes!(audit::configurations))
+        .routes(routes!(captures::list))
+        .routes(routes!(captures::download))
+        .routes(routes!(captures::request))
         .routes(routes!(baselines::list, baselines::learn))
         .routes(routes!(baselines::show, baselines::remove))
         .routes(routes!(baselines::activate))
@@ -136,7 +142,9 @@ pub fn router(state: ApiState, pages: Router) -> Router {
     // Outermost first.
     let guards = ServiceBuilder::new()
         .layer(from_fn(guard::headers))
-        .layer(CompressionLayer::new())
+        .layer(CompressionLayer::new().compress_when(
+            DefaultPredicate::new().and(NotForContentType::const_new(captures::CONTENT_TYPE)),
+        ))
         .layer(from_fn(guard::problems))
         .layer(from_fn_with_state(state, guard::host))
         .layer(timeout)

@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::view::{
-    BaselineHandle, EventsHandle, MachineHandle, MachineView, ShardRequest, StoreHandle,
-    TrendHandle,
+    BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView, ShardRequest,
+    StoreHandle, TrendHandle,
 };
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
@@ -79,6 +79,7 @@ pub struct ApiState {
     pub(super) streams: Arc<Semaphore>,
     /// The history of trends; `None`: there is none.
     pub(super) trends: Option<TrendHandle>,
+    pub(super) captures: Option<CaptureHandle>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -117,6 +118,7 @@ impl ApiState {
             baselines: None,
             events: None,
             trends: None,
+            captures: None,
         }
     }
 
@@ -124,6 +126,12 @@ impl ApiState {
     #[must_use]
     pub fn with_trends(self, trends: TrendHandle) -> Self {
         Self { trends: Some(trends), ..self }
+    }
+
+    /// Shows captures, if any are made.
+    #[must_use]
+    pub fn with_captures(self, captures: Option<CaptureHandle>) -> Self {
+        Self { captures, ..self }
     }
 
     /// Keeps baselines.

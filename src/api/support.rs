@@ -4,9 +4,9 @@ use super::router;
 use super::state::{ApiState, Settings};
 use super::tests::baselines::sample_measured;
 use super::view::{
-    AlarmHistory, BaselineHandle, EventsHandle, MachineHandle, MachineView, NotTaken,
-    ScenarioRequest, ShardBusy, ShardRequest, SimulationHandle, SourceState, StoreHandle, Trend,
-    Waveform,
+    AlarmHistory, BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView,
+    NotTaken, ScenarioRequest, ShardBusy, ShardRequest, SimulationHandle, SourceState, StoreHandle,
+    Trend, TrendHandle, Waveform,
 };
 use crate::alarms::load;
 use crate::alarms::{self, AlarmEngine, Moment};
@@ -276,6 +276,16 @@ impl Service {
         Self::of_state(self.state.with_events(events), self.view)
     }
 
+    /// The same service with captures.
+    pub(crate) fn with_captures(self, captures: CaptureHandle) -> Self {
+        Self::of_state(self.state.with_captures(Some(captures)), self.view)
+    }
+
+    /// The same service with stored trends.
+    pub(crate) fn with_trends(self, trends: TrendHandle) -> Self {
+        Self::of_state(self.state.with_trends(trends), self.view)
+    }
+
     /// The service after its state was changed.
     pub(crate) fn renewed(self) -> Self {
         Self::of_state(self.state, self.view)
@@ -463,6 +473,9 @@ fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, behaviour: Beh
             ShardRequest::AlarmHistory { reply } => {
                 let events = engine.history().iter().cloned().collect();
                 let _ = reply.send(AlarmHistory { events, dropped: engine.history_dropped() });
+            }
+            ShardRequest::Capture { reply, .. } => {
+                let _ = reply.send(Ok("rig-1-00000007".to_owned()));
             }
             ShardRequest::Measure { span, reply } => {
                 let _ = reply.send(sample_measured(span));

@@ -224,11 +224,12 @@ async fn stored(
             Some(tier) => tier,
             None => tier_for(&*archive, &wanted.machine, (from, to))?,
         };
-        let table =
-            archive.trend(&StoredQuery { tier, ..wanted }).map_err(|error| match error {
-                StoreError::TooMuch { .. } => ApiError::Invalid(error.to_string()),
-                error => error.into(),
-            })?;
+        let table = match archive.trend(&StoredQuery { tier, ..wanted }) {
+            Err(error) if matches!(error, StoreError::TooMuch { .. }) => {
+                return Err(ApiError::Invalid(error.to_string()));
+            }
+            read => read?,
+        };
         Ok((tier, of_store(&table)))
     };
     state.compute(work).await

@@ -22,12 +22,14 @@ use crate::simulator::scenario::Wanted;
 use crate::store::Archive;
 use crate::store::BaselineStore;
 use crate::store::audit::AuditLog;
+use crate::store::captures::CaptureIndex;
 use crate::store::events::EventLog;
 use crate::store::trends::Holdings;
 use crate::store::trends::TrendArchive;
 use crate::store::writer::Status;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
+use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 use tokio::sync::watch;
@@ -132,6 +134,19 @@ pub enum ShardRequest {
         /// The events.
         reply: oneshot::Sender<AlarmHistory>,
     },
+    /// An operator asks for a capture of what was received.
+    Capture {
+        /// Who.
+        author: String,
+        /// Why.
+        comment: String,
+        /// Stream time of the past, s, as far as it is held; `None`: all of it.
+        before_s: Option<f64>,
+        /// Stream time to come, s; `None`: as configured.
+        after_s: Option<f64>,
+        /// Its id once it is stored, or why there is none.
+        reply: oneshot::Sender<Result<String, String>>,
+    },
     /// A record of windows that were judged, for a baseline.
     Measure {
         /// Which.
@@ -184,6 +199,21 @@ pub type MeasureRecording =
 impl std::fmt::Debug for BaselineHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("BaselineHandle").finish_non_exhaustive()
+    }
+}
+
+/// Captures as the API sees them.
+#[derive(Clone)]
+pub struct CaptureHandle {
+    /// What there is.
+    pub index: Arc<dyn CaptureIndex>,
+    /// Folder of the files.
+    pub root: PathBuf,
+}
+
+impl std::fmt::Debug for CaptureHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CaptureHandle").field("root", &self.root).finish_non_exhaustive()
     }
 }
 

@@ -47,14 +47,14 @@ impl Alarming {
         self.last_block = arrived;
     }
 
-    /// Takes in that time has passed.
+    /// Takes in that time has passed; gives what happened.
     pub(super) fn tick(
         &mut self,
         engine: &mut AlarmEngine,
         source: &SourceState,
         is_waiting: bool,
         stream_s: f64,
-    ) {
+    ) -> Vec<AlarmEvent> {
         let flow = match source {
             SourceState::Failed(why) => DataFlow::Failed(why),
             SourceState::Running if self.is_live && !is_waiting => {
@@ -67,8 +67,9 @@ impl Alarming {
         };
         let now = self.keeper.clock().moment(stream_s);
         let events = engine.tick(now, flow, self.keeper.failure_to_tell().as_deref());
-        self.keep(engine, events, Vec::new(), stream_s);
+        self.keep(engine, events.clone(), Vec::new(), stream_s);
         self.keeper.repair(engine, stream_s);
+        events
     }
 
     /// Sends what happened to the store.

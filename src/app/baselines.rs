@@ -1,8 +1,8 @@
 //! Baselines in the daemon: which records its machines begin with, recordings to learn from, and the watch
 //! over what others write into the store.
 
-use super::build::StartError;
 use super::recording;
+use super::start_error::StartError;
 use super::stop::Stop;
 use crate::api::view::BaselineHandle;
 use crate::api::view::MachineHandle;

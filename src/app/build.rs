@@ -2,7 +2,8 @@
 
 use super::Clock;
 use super::baselines;
-use super::client::ClientError;
+use super::captures;
+use super::captures::CapturesPlan;
 use super::http::MetricsText;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
@@ -11,63 +12,45 @@ use super::link::Link;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::monitored::Opened;
-use super::notify;
 use super::notify::NotifyPlan;
-use super::recording;
 use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated::Desk;
-use super::trending;
-use super::trending::Budget;
-use super::trending::TrendKeeper;
+use super::start_error::StartError;
+use super::stores;
+use super::stores::Stores;
 use super::trending::TrendPlan;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::api::view::BaselineHandle;
+use crate::api::view::CaptureHandle;
 use crate::api::view::EventsHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
 use crate::api::view::Submit;
 use crate::api::view::TrendHandle;
-use crate::capture::recording::store::Store as Recordings;
 use crate::causes::with_causes;
 use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
-use crate::diagnosis::baseline::Record;
 use crate::ingest::replay;
 use crate::ingest::replay::Speed;
 use crate::ingest::replay::StreamInfo;
 use crate::ingest::simulated;
-use crate::notify::Health;
 use crate::notify::HealthWatch;
-use crate::notify::Subject;
-use crate::offline::OfflineError;
 use crate::pipeline::Monitor;
-use crate::pipeline::MonitorError;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
 use crate::signal::Timestamp;
 use crate::store::Archive;
-use crate::store::ConfigurationEntry;
-use crate::store::StateStore;
-use crate::store::StoreError;
 use crate::store::StreamKey;
 use crate::store::active_records;
-use crate::store::sqlite;
-use crate::store::trends;
-use crate::store::trends::SqliteTrends;
 use crate::telemetry::Metrics;
-use std::collections::BTreeMap;
 use std::fs;
-use std::io;
-use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::Mutex;
 use std::thread;
 use std::time::UNIX_EPOCH;
 
@@ -76,97 +59,6 @@ pub const QUEUE_BYTES: usize = 16 << 20;
 
 /// Questions that may wait for a shard.
 const MAX_REQUESTS: usize = 64;
-
-/// Why the daemon cannot be started.
-#[derive(Debug, thiserror::Error)]
-pub enum StartError {
-    /// The rings do not fit.
-    #[error(
-        "the rings and queues need {needed_bytes} bytes and memory_limit_bytes is {limit_bytes}: \
-         raise it, shorten ring_seconds, or monitor fewer channels ({largest})"
-    )]
-    Memory {
-        /// What they need.
-        needed_bytes: u64,
-        /// What is allowed.
-        limit_bytes: u64,
-        /// The machine that needs most, and how much.
-        largest: String,
-    },
-    /// A machine cannot be monitored with its source.
-    #[error("machine {machine:?} cannot be monitored")]
-    Monitor {
-        /// Machine id.
-        machine: String,
-        /// Why.
-        source: MonitorError,
-    },
-    /// A scene cannot be simulated.
-    #[error("the source of machine {machine:?} cannot be simulated")]
-    Scene {
-        /// Machine id.
-        machine: String,
-        /// Why.
-        source: Box<simulated::OpenError>,
-    },
-    /// A healthy capture cannot be measured.
-    #[error("the baseline {} of machine {machine:?} cannot be used", file.display())]
-    Baseline {
-        /// Machine id.
-        machine: String,
-        /// The capture.
-        file: PathBuf,
-        /// Why.
-        source: Box<OfflineError>,
-    },
-    /// The trends that are to be kept do not fit.
-    #[error(
-        "the trends of {n_channels} channels will take about {needed_bytes} bytes ({windows_bytes} for trend_days, \
-         {minutes_bytes} for trend_1min_days, {hours_bytes} for trend_1h_days) and {limit_bytes} of store.max_bytes \
-         are for them: raise max_bytes, keep trends for fewer days, or lengthen hop_seconds"
-    )]
-    Trends {
-        /// Channels.
-        n_channels: usize,
-        /// All tiers.
-        needed_bytes: u64,
-        /// Every window.
-        windows_bytes: u64,
-        /// Minutes.
-        minutes_bytes: u64,
-        /// Hours.
-        hours_bytes: u64,
-        /// What is allowed.
-        limit_bytes: u64,
-    },
-    /// The store cannot be used.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// A receiver of notifications cannot be told.
-    #[error("{receiver:?} cannot be notified")]
-    Notify {
-        /// Its name.
-        receiver: String,
-        /// Why.
-        source: ClientError,
-    },
-    /// The port cannot be bound.
-    #[error("the address {address} cannot be bound, choose another in [server] bind")]
-    Bind {
-        /// The address.
-        address: SocketAddr,
-        /// Why.
-        source: io::Error,
-    },
-    /// The system does not give a thread or a signal handler.
-    #[error("the system refused {what}")]
-    System {
-        /// What was asked for.
-        what: &'static str,
-        /// Why.
-        source: io::Error,
-    },
-}
 
 /// A shard before its thread starts.
 #[derive(Debug)]
@@ -183,6 +75,8 @@ pub(super) struct SourcePlan {
     pub(super) work: Work,
     pub(super) link: Link,
     pub(super) recording: Option<Recording>,
+    /// Whether the shard holds what was received.
+    pub(super) is_captured: bool,
 }
 
 /// What a source's thread does.
@@ -215,6 +109,8 @@ pub(super) struct Plan {
     pub(super) notify: NotifyPlan,
     pub(super) trending: TrendPlan,
     pub(super) trends: TrendHandle,
+    /// The thread that writes captures, and HTTP's way to them.
+    pub(super) captures: Option<(CapturesPlan, CaptureHandle)>,
 }
 
 /// Builds everything.
@@ -227,11 +123,9 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let n_shards = n_shards(config);
     check_memory(config, &streams, n_shards)?;
     let metrics = Arc::new(Metrics::new());
-    let (keeper, keeping) = open_keeper(config, &metrics)?;
-    let baselines = baselines::handle(config)?;
-    let (events, notify) = notify::plan(config, &keeper, &metrics)?;
-    let store = recording::open_store(config);
-    let (trend_keeper, trending, trends) = open_trends(config, &streams, &metrics, store.clone())?;
+    let infos: Vec<_> =
+        streams.iter().filter_map(|stream| Some(&stream.as_ref().ok()?.info)).collect();
+    let stores = Stores::open(config, &infos, &metrics)?;
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
             queue: Arc::new(ShardQueue::new(QUEUE_BYTES, MAX_REQUESTS)),
@@ -253,43 +147,15 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         for note in &entry.machine.notes {
             tracing::warn!(machine = entry.machine.id, note, "machine file");
         }
-        let recorded = stream.as_ref().ok().zip(store.as_ref()).and_then(|(stream, store)| {
-            let metrics = metrics.recording(&entry.machine.id);
-            Recording::new(config, entry, &stream.info, store, metrics)
-        });
-        let (recording, recording_view) = recorded.unzip();
-        let (info, simulated) = match stream {
-            Ok(stream) => (Ok(stream.info), stream.simulated),
-            Err(reason) => (Err(reason), None),
-        };
-        let tells_store = handles.is_empty();
-        let learned = active_records(&*baselines.store, &entry.machine.id)?;
-        let health = events.log.health(&entry.machine.id)?;
-        let keepers = (&keeper, tells_store, &trend_keeper);
-        let opened = monitor(config, entry, info, keepers, (learned, health))?;
-        let (work, simulation) = work(entry, simulated, &metrics);
-        if opened.monitor.is_some() {
-            let machine = Arc::clone(&entry.machine);
-            sources.extend(work.map(|work| SourcePlan {
-                machine,
-                work,
-                link: link.clone(),
-                recording,
-            }));
-        }
-        let losses = Arc::clone(link.losses());
-        let (monitored, view) =
-            Monitored::new(Arc::clone(&entry.machine), opened, losses, &metrics);
-        shard.machines.push(monitored);
-        let submit: Submit = Arc::new(move |request| link.ask(request));
-        handles.push(MachineHandle {
-            machine: Arc::clone(&entry.machine),
-            view,
-            recording: recording_view,
-            simulation,
-            submit,
-        });
+        let joined = join(config, entry, stream, link, (&stores, &metrics), handles.is_empty())?;
+        shard.machines.push(joined.monitored);
+        sources.extend(joined.source);
+        handles.push(joined.handle);
     }
+    // The ways to the threads of trends and captures that are kept here end now: those threads end with the shards.
+    let Stores { keeper, keeping, baselines, events, notify, trending, trends, captures, .. } =
+        stores;
+    let captures = captures.map(|captures| (captures.plan, captures.handle));
     Ok(Plan {
         shards,
         sources,
@@ -302,7 +168,65 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         notify,
         trending,
         trends,
+        captures,
     })
+}
+
+/// A machine with its source and what HTTP sees of it.
+struct Joined {
+    monitored: Monitored,
+    source: Option<SourcePlan>,
+    handle: MachineHandle,
+}
+
+/// Joins a machine to its source and to the stores. `tells_store`: it tells when the store fails.
+fn join(
+    config: &Config,
+    entry: &MachineConfig,
+    stream: Result<Stream, String>,
+    link: Link,
+    (stores, metrics): (&Stores, &Metrics),
+    tells_store: bool,
+) -> Result<Joined, StartError> {
+    let id = &entry.machine.id;
+    let recorded = stream.as_ref().ok().zip(stores.recordings.as_ref());
+    let recorded = recorded.and_then(|(stream, store)| {
+        Recording::new(config, entry, &stream.info, store, metrics.recording(id))
+    });
+    let (recording, recording_view) = recorded.unzip();
+    let (info, simulated) = match stream {
+        Ok(stream) => (Ok(stream.info), stream.simulated),
+        Err(reason) => (Err(reason), None),
+    };
+    let capturer = stores.captures.as_ref().map(|captures| captures.capturer.clone());
+    let capturing = info
+        .as_ref()
+        .ok()
+        .zip(capturer)
+        .and_then(|(info, capturer)| stores::capturing(config, entry, info, capturer));
+    let is_captured = capturing.is_some();
+    let opened = monitor(config, entry, info, stores, tells_store)?;
+    let (work, simulation) = work(entry, simulated, metrics);
+    let machine = Arc::clone(&entry.machine);
+    let source = work.filter(|_| opened.monitor.is_some()).map(|work| SourcePlan {
+        machine,
+        work,
+        link: link.clone(),
+        recording,
+        is_captured,
+    });
+    let losses = Arc::clone(link.losses());
+    let (monitored, view) =
+        Monitored::new(Arc::clone(&entry.machine), opened, capturing, (losses, metrics));
+    let submit: Submit = Arc::new(move |request| link.ask(request));
+    let handle = MachineHandle {
+        machine: Arc::clone(&entry.machine),
+        view,
+        recording: recording_view,
+        simulation,
+        submit,
+    };
+    Ok(Joined { monitored, source, handle })
 }
 
 impl Plan {
@@ -359,66 +283,6 @@ fn work(
     }
 }
 
-/// Opens the store and notes the configuration in it.
-fn open_keeper(config: &Config, metrics: &Metrics) -> Result<(Keeper, KeeperPlan), StartError> {
-    let (mut store, archive) = sqlite::open(&config.store.directory)?;
-    let entry = ConfigurationEntry {
-        hash: configuration_hash(config),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        since: super::wall_clock(),
-    };
-    // A disk that is full now may have room later: alarms are raised all the same.
-    if let Err(error) = store.note_configuration(&entry) {
-        tracing::error!(error = with_causes(&error), "the configuration's hash is not stored");
-    }
-    Ok(Keeper::new(Box::new(store), Arc::new(archive), metrics.store()))
-}
-
-/// Opens the store of trends, says what they will take, and refuses what cannot fit.
-fn open_trends(
-    config: &Config,
-    streams: &[Result<Stream, String>],
-    metrics: &Metrics,
-    recordings: Option<Arc<Mutex<Recordings>>>,
-) -> Result<(TrendKeeper, TrendPlan, TrendHandle), StartError> {
-    let directory = &config.store.directory;
-    let store = SqliteTrends::open(directory, config.store.trends)?;
-    let channels =
-        streams.iter().filter_map(|stream| Some(stream.as_ref().ok()?.info.channels.len()));
-    let (n_channels, hop_s) = (channels.sum(), config.monitor.hop_s);
-    let features = store.features_per_channel();
-    let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
-    let segment_bytes = config.recording.map_or(0, |recording| recording.segment_bytes);
-    let budget = Budget {
-        max_bytes: config.store.max_bytes,
-        for_recordings: segment_bytes.saturating_mul(config.machines.len() as u64 + 1),
-        recordings,
-    };
-    let limit_bytes = budget.max_bytes.saturating_sub(budget.for_recordings);
-    let trends::Projection { windows_bytes, minutes_bytes, hours_bytes } = needed;
-    let needed_bytes = needed.total();
-    tracing::info!(
-        n_channels,
-        needed_bytes,
-        windows_bytes,
-        minutes_bytes,
-        hours_bytes,
-        limit_bytes,
-        "projected size of trends"
-    );
-    if needed_bytes > limit_bytes {
-        return Err(StartError::Trends {
-            n_channels,
-            needed_bytes,
-            windows_bytes,
-            minutes_bytes,
-            hours_bytes,
-            limit_bytes,
-        });
-    }
-    Ok(trending::open(directory, store, budget, metrics.trends()))
-}
-
 /// What tells a stream from others after a restart: a capture that is played once, as it is on the disk,
 /// judged by the same configuration.
 fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) -> StreamKey {
@@ -458,10 +322,12 @@ fn monitor(
     config: &Config,
     entry: &MachineConfig,
     stream: Result<StreamInfo, String>,
-    (keeper, tells_store, trends): (&Keeper, bool, &TrendKeeper),
-    (learned, health): (Vec<Record>, BTreeMap<Subject, Health>),
+    stores: &Stores,
+    tells_store: bool,
 ) -> Result<Opened, StartError> {
     let machine = &entry.machine;
+    let keeper = &stores.keeper;
+    let health = stores.events.log.health(&machine.id)?;
     let mut idle = AlarmEngine::of_machine(machine, &[], config.monitor.alarms.clone());
     let keeper_of =
         |key: &StreamKey| MachineKeeper::new(keeper.clone(), &machine.id, key.clone(), tells_store);
@@ -495,11 +361,12 @@ fn monitor(
     let settings = Settings { baseline, load, ..config.monitor.clone() };
     let mut monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
-    monitor.use_signed(learned);
+    monitor.use_signed(active_records(&*stores.baselines.store, &machine.id)?);
     let key = stream_key(config, entry, info.start_time);
     let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
     let judged_until_s = monitor.alarms().judged_until_s();
-    let trending = Trending::new(trends.clone(), &machine.id, &key, monitor.channels());
+    let trending =
+        Trending::new(stores.trend_keeper.clone(), &machine.id, &key, monitor.channels());
     Ok(Opened {
         trending: Some(trending),
         monitor: Some(monitor),
@@ -534,7 +401,9 @@ fn check_memory(
 ) -> Result<(), StartError> {
     let needs = config.machines.iter().zip(streams).filter_map(|(entry, stream)| {
         let info = &stream.as_ref().ok()?.info;
-        Some((Monitor::ring_bytes(&info.channels, &config.monitor) as u64, &entry.machine.id))
+        let rings = Monitor::ring_bytes(&info.channels, &config.monitor);
+        let captured = captures::memory_bytes(config, &info.received);
+        Some((rings.saturating_add(captured) as u64, &entry.machine.id))
     });
     let needs: Vec<_> = needs.collect();
     let Some((most, id)) = needs.iter().max() else { return Ok(()) };

@@ -90,6 +90,7 @@ pub fn agent(encrypts: bool, ca_file: Option<&Path>, timeout_s: f64) -> Result<A
 
 /// Why there was no answer; nothing of an address or a secret is in it.
 #[must_use]
+#[expect(clippy::wildcard_enum_match_arm, reason = "a library's errors may become more")]
 pub fn why(error: &ureq::Error) -> &'static str {
     match error {
         ureq::Error::Timeout(_) => "does not answer in time",
@@ -105,6 +106,7 @@ pub fn why(error: &ureq::Error) -> &'static str {
 
 /// As [`why`], for a socket.
 #[must_use]
+#[expect(clippy::wildcard_enum_match_arm, reason = "a library's errors may become more")]
 pub fn why_io(kind: ErrorKind) -> &'static str {
     match kind {
         ErrorKind::ConnectionRefused => "refuses the connection",

@@ -5,7 +5,6 @@ use super::build;
 use super::build::Plan;
 use super::build::ShardPlan;
 use super::build::SourcePlan;
-use super::build::StartError;
 use super::build::Work;
 use super::http;
 use super::http::ReadinessCheck;
@@ -14,6 +13,7 @@ use super::shard;
 use super::shard::Heartbeat;
 use super::simulated;
 use super::source;
+use super::start_error::StartError;
 use super::stop::Stop;
 use crate::api::state;
 use crate::api::view::MachineHandle;
@@ -94,14 +94,20 @@ impl Daemon {
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, notify) = (plan.events, plan.notify);
         let (trending, trends) = (plan.trending, plan.trends);
+        let (writing, captures) = plan.captures.unzip();
+        let clock = keeper.clock;
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(3 + shards.len() + sources.len() + notify.n_threads());
+        let mut threads = Threads::new(4 + shards.len() + sources.len() + notify.n_threads());
         let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
         let started = threads
             .start("store".to_owned(), move || keeping.run())
             .and_then(|()| threads.start("baselines".to_owned(), move || watch.run(&watch_stop)))
             .and_then(|()| threads.start("trends".to_owned(), move || trending.run(&trend_stop)))
+            .and_then(|()| match writing {
+                Some(writing) => threads.start("captures".to_owned(), move || writing.run(clock)),
+                None => Ok(()),
+            })
             .and_then(|()| {
                 let start = |name, work| threads.start(name, work);
                 notify.start(runtime.handle(), &handles, &server_stop, start)
@@ -127,7 +133,7 @@ impl Daemon {
         let stalled = events.stalled.clone();
         let state = state.with_store(store).with_baselines(baselines).with_events(events);
         let listener = http::Patient::new(listener, stalled);
-        let router = http::router(state.with_trends(trends));
+        let router = http::router(state.with_trends(trends).with_captures(captures));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {
@@ -220,19 +226,20 @@ fn start_threads(
     for plan in sources {
         let stop = Arc::clone(stop);
         threads.start(format!("source-{}", plan.machine.id), move || {
-            let SourcePlan { machine, work, link, recording } = plan;
+            let SourcePlan { machine, work, link, recording, is_captured } = plan;
             match work {
                 Work::Replay(settings) => {
-                    let is_recorded = recording.is_some();
+                    let is_received = recording.is_some() || is_captured;
                     let mut open = || {
                         let open =
-                            if is_recorded { replay::open_with_received } else { replay::open };
+                            if is_received { replay::open_with_received } else { replay::open };
                         open(&settings.file, &machine, &settings.hints)
                     };
-                    source::run(&settings, &mut open, &link, &stop, recording);
+                    source::run(&settings, &mut open, &link, &stop, (recording, is_captured));
                 }
                 Work::Simulate(mut source, desk) => {
-                    simulated::run(&machine.id, &mut source, &desk, &link, &stop, recording);
+                    let kept = (recording, is_captured);
+                    simulated::run(&machine.id, &mut source, &desk, &link, &stop, kept);
                 }
             }
         })?;

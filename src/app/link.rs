@@ -6,6 +6,7 @@ use super::queue::Refused;
 use crate::api::view::ShardBusy;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
+use crate::capture::received::Received;
 use crate::signal::Block;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -17,6 +18,8 @@ use std::time::Instant;
 pub enum Input {
     /// Samples, and when they arrived.
     Block(Block, Instant),
+    /// Samples behind blocks to come, as they were received.
+    Received(Arc<Received>),
     /// Samples that the source received but cannot hand on.
     Rejected {
         /// How many.
@@ -111,6 +114,7 @@ fn bytes_of(input: &Input) -> usize {
     let heap = match input {
         Input::Block(block, _) => block.samples.capacity() * size_of::<f32>(),
         Input::Rejected { reason, .. } => reason.len(),
+        Input::Received(run) => run.bytes(),
         Input::Source(_) => 0,
     };
     size_of::<(usize, Input)>() + heap

@@ -1,6 +1,9 @@
 //! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
 
 use super::alarming::Alarming;
+use super::capturing::Asked;
+use super::capturing::Capturing;
+use super::capturing::Seen as SeenNow;
 use super::keeper::MachineKeeper;
 use super::learning::Seen;
 use super::link::Input;
@@ -39,6 +42,10 @@ use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::watch;
 
+/// What who asks for a capture is told where none are made.
+const NO_CAPTURES: &str =
+    "no captures are made: captures.enabled is false, or the source cannot be opened";
+
 /// What is known of a machine before its first block.
 #[derive(Debug)]
 pub struct Opened {
@@ -71,6 +78,8 @@ pub struct Monitored {
     idle_alarms: AlarmEngine,
     alarming: Alarming,
     health: HealthWatch,
+    /// `None`: no captures are made.
+    capturing: Option<Capturing>,
     source: SourceState,
     start_time: Option<Timestamp>,
     channels: Arc<Vec<ChannelInfo>>,
@@ -93,10 +102,13 @@ impl Monitored {
     #[must_use]
     pub fn new(
         machine: Arc<Machine>,
-        opened: Opened,
-        losses: Arc<Losses>,
-        metrics: &Metrics,
+        mut opened: Opened,
+        capturing: Option<Capturing>,
+        (losses, metrics): (Arc<Losses>, &Metrics),
     ) -> (Self, watch::Receiver<Arc<MachineView>>) {
+        if let (Some(capturing), Some(monitor)) = (&capturing, &mut opened.monitor) {
+            capturing.prepare(monitor);
+        }
         let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
         let meters = Meters::new(metrics, &machine.id, &channels);
         let (publisher, view) = watch::channel(Arc::new(empty_view()));
@@ -109,6 +121,7 @@ impl Monitored {
             idle_alarms: opened.alarms,
             alarming,
             health: opened.health,
+            capturing,
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
@@ -131,6 +144,11 @@ impl Monitored {
     pub fn take(&mut self, input: Input, queue_bytes: usize) {
         match input {
             Input::Block(block, arrived) => self.take_block(&block, arrived, queue_bytes),
+            Input::Received(run) => {
+                if let Some(capturing) = &mut self.capturing {
+                    capturing.receive(&run);
+                }
+            }
             Input::Rejected { n_samples, reason } => {
                 self.meters.machine.rejected.inc_by(n_samples);
                 tracing::warn!(machine = self.machine.id, n_samples, reason, "samples rejected");
@@ -147,6 +165,11 @@ impl Monitored {
                     let judged = self.monitor.as_ref().zip(self.diagnosis.as_deref());
                     let recounted = judged.map(|(m, d)| Arc::new(m.recounted(d)));
                     self.diagnosis = recounted.or(self.diagnosis.take());
+                }
+                if matches!(self.source, SourceState::Finished | SourceState::Failed(_))
+                    && let Some(capturing) = &mut self.capturing
+                {
+                    capturing.reached(None);
                 }
                 self.publish(queue_bytes);
             }
@@ -183,6 +206,20 @@ impl Monitored {
                 self.alarming.act(engine, &act, stream_s, publish, reply);
                 self.publish(queue_bytes);
             }
+            ShardRequest::Capture { author, comment, before_s, after_s, reply } => {
+                let (time_s, diagnosis) = (self.stream_time_s(), self.diagnosis.as_deref());
+                let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
+                match &mut self.capturing {
+                    Some(capturing) => {
+                        let asked = Asked { author, comment, before_s, after_s, reply };
+                        capturing.ask(asked, time_s, seen);
+                        if self.source == SourceState::Finished {
+                            capturing.reached(None);
+                        }
+                    }
+                    None => drop(reply.send(Err(NO_CAPTURES.to_owned()))),
+                }
+            }
             ShardRequest::Measure { span, reply } => {
                 let (machine, channels) = (&self.machine, &self.channels);
                 drop(reply.send(self.seen.measure(span, machine, channels, &self.trends)));
@@ -207,7 +244,8 @@ impl Monitored {
     pub fn tick(&mut self, queue_bytes: usize) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
-        self.alarming.tick(engine, &self.source, queue_bytes > 0, stream_s);
+        let events = self.alarming.tick(engine, &self.source, queue_bytes > 0, stream_s);
+        self.capture(&events, stream_s);
         self.trending.iter_mut().for_each(Trending::tick);
         self.publish(queue_bytes);
     }
@@ -221,6 +259,15 @@ impl Monitored {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         self.alarming.keep(engine, events, health, stream_s);
+    }
+
+    /// Has the raw data behind alarms captured.
+    fn capture(&mut self, events: &[AlarmEvent], time_s: f64) {
+        if let Some(capturing) = &mut self.capturing {
+            let diagnosis = self.diagnosis.as_deref();
+            let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
+            capturing.note(events, time_s, seen);
+        }
     }
 
     /// Publishes a snapshot.
@@ -255,6 +302,9 @@ impl Monitored {
         }
         let outcomes = self.guarded(|monitor, emit| monitor.step(block, emit));
         self.take_outcomes(outcomes, Some(arrived), queue_bytes);
+        if let Some(capturing) = &mut self.capturing {
+            capturing.reached(Some(block.time_s));
+        }
     }
 
     /// Lets the monitor work. Should it panic, this machine alone is given up: the shard and its
@@ -299,6 +349,7 @@ impl Monitored {
             let health = self.health.observe(&outcome.diagnosis, end_s);
             self.diagnosis = Some(outcome.diagnosis);
             self.features = Arc::new(outcome.features);
+            self.capture(&outcome.alarm_events, end_s);
             self.keep(outcome.alarm_events, health);
             self.meters.machine.windows_judged.inc();
             self.publish(queue_bytes);

@@ -9,11 +9,13 @@ use super::link::Link;
 use super::recording::Recording;
 use super::stop::Stop;
 use crate::api::view::SourceState;
+use crate::capture::received::Received;
 use crate::ingest::replay::Step;
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::panic::AssertUnwindSafe;
 use std::panic::catch_unwind;
+use std::sync::Arc;
 use std::time::Duration;
 use std::time::Instant;
 
@@ -26,14 +28,21 @@ pub(super) struct Outlet<'a> {
     link: &'a Link,
     stop: &'a Stop,
     recording: RefCell<Option<Recording>>,
+    /// Whether the shard holds what was received.
+    is_captured: bool,
     started: Instant,
 }
 
 impl<'a> Outlet<'a> {
     /// Begins: waits count from now.
-    pub(super) fn new(link: &'a Link, stop: &'a Stop, recording: Option<Recording>) -> Self {
+    pub(super) fn new(
+        link: &'a Link,
+        stop: &'a Stop,
+        recording: Option<Recording>,
+        is_captured: bool,
+    ) -> Self {
         let recording = RefCell::new(recording);
-        Self { link, stop, recording, started: super::now() }
+        Self { link, stop, recording, is_captured, started: super::now() }
     }
 
     /// Seconds since the beginning.
@@ -65,10 +74,14 @@ impl<'a> Outlet<'a> {
         let input = match step {
             Step::Block(block) => Input::Block(block, super::now()),
             Step::Received(run) => {
+                let run = Arc::new(run);
                 if let Some(recording) = self.recording.borrow_mut().as_mut() {
-                    recording.take(run);
+                    recording.take(Received::clone(&run));
                 }
-                return ControlFlow::Continue(());
+                if !self.is_captured {
+                    return ControlFlow::Continue(());
+                }
+                Input::Received(run)
             }
             Step::Rejected { n_samples, reason } => Input::Rejected { n_samples, reason },
             Step::End => return ControlFlow::Continue(()),

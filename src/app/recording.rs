@@ -41,7 +41,7 @@ pub struct Recording {
 /// `None` if nothing is recorded, in which case nothing is removed for the store's limit either.
 pub(super) fn open_store(config: &Config) -> Option<Arc<Mutex<Store>>> {
     let root = config.store.directory.join(FOLDER);
-    let limit = if config.recording.is_some() { config.store.max_bytes } else { u64::MAX };
+    let limit = config.recording.map_or(u64::MAX, |_| config.bytes_beside_captures());
     let (store, events) = Store::open(&root, limit);
     events.iter().for_each(|event| log_store(None, event));
     config.recording.map(|_| Arc::new(Mutex::new(store)))
@@ -67,6 +67,7 @@ impl Recording {
                 shaft_speed: info.shaft_speed,
             },
             configuration: Some(super::build::configuration_hash(config)),
+            evidence: Vec::new(),
         };
         let channels: Vec<ReceivedChannel> = info.received.clone();
         let store = Arc::clone(store);

@@ -81,10 +81,10 @@ pub fn run(
     desk: &Desk,
     link: &Link,
     stop: &Stop,
-    recording: Option<Recording>,
+    (recording, is_captured): (Option<Recording>, bool),
 ) {
-    let is_recorded = recording.is_some();
-    Outlet::new(link, stop, recording).run(|outlet| {
+    let is_received = recording.is_some() || is_captured;
+    Outlet::new(link, stop, recording, is_captured).run(|outlet| {
         let mut wait = |due_s: f64| {
             let late_s = outlet.elapsed_s() - due_s;
             match outlet.wait(due_s) {
@@ -94,7 +94,7 @@ pub fn run(
         };
         let ran = simulated::run(
             source,
-            is_recorded,
+            is_received,
             &mut |source| desk.serve(machine, source),
             &mut || stop.is_set(),
             &mut wait,

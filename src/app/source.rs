@@ -17,9 +17,9 @@ pub fn run(
     open: &mut dyn FnMut() -> Result<Stream, ReplayError>,
     link: &Link,
     stop: &Stop,
-    recording: Option<Recording>,
+    (recording, is_captured): (Option<Recording>, bool),
 ) {
-    Outlet::new(link, stop, recording).run(|outlet| {
+    Outlet::new(link, stop, recording, is_captured).run(|outlet| {
         let mut wait = |due_s| outlet.wait(due_s);
         match replay::run(settings, open, &mut wait, &mut |step| outlet.take(step)) {
             Ok(End::Stopped) => None,

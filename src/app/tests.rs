@@ -1,6 +1,5 @@
 //! Sources, shards and snapshots together, on synthetic streams.
 
-use super::build::StartError;
 use super::daemon::Daemon;
 use super::keeper::Keeper;
 use super::keeper::MachineKeeper;
@@ -12,6 +11,7 @@ use super::monitored::Opened;
 use super::shard;
 use super::shard::Heartbeat;
 use super::source;
+use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::AlarmEngine;
 use crate::api::view::MachineView;
@@ -146,7 +146,7 @@ pub(super) fn running_on(
     };
     thread::spawn(move || keeping.run());
     let (monitored, view) =
-        Monitored::new(machine("rig-1"), opened, Arc::clone(link.losses()), &metrics);
+        Monitored::new(machine("rig-1"), opened, None, (Arc::clone(link.losses()), &metrics));
     let (shard_queue, gauge) = (Arc::clone(&queue), metrics.queue_bytes(0));
     let shard = thread::spawn(move || {
         shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);
@@ -170,7 +170,13 @@ impl Running {
     }
 
     fn play(&self, settings: &replay::Settings, seconds: u64) {
-        source::run(settings, &mut || Ok(stream(seconds)), &self.link, &Stop::default(), None);
+        source::run(
+            settings,
+            &mut || Ok(stream(seconds)),
+            &self.link,
+            &Stop::default(),
+            (None, false),
+        );
     }
 
     pub(super) fn end(self) {
@@ -239,7 +245,7 @@ fn a_source_that_cannot_read_fails_with_its_causes() {
         let source = "disk on fire".into();
         Err(ReplayError::Open { file: PathBuf::from("x.h5"), source })
     };
-    source::run(&at_full_speed(), &mut open, &running.link, &Stop::default(), None);
+    source::run(&at_full_speed(), &mut open, &running.link, &Stop::default(), (None, false));
     let reason = "opening x.h5 failed: disk on fire".to_owned();
     running.wait_for(&SourceState::Failed(reason));
     running.end();
@@ -251,7 +257,7 @@ fn a_stop_ends_a_source_that_waits_for_its_time() {
     let slow = replay::Settings { speed: Speed::Times(1e-6), ..at_full_speed() };
     let stop = Stop::default();
     stop.set();
-    source::run(&slow, &mut || Ok(stream(10)), &running.link, &stop, None); // returns at once
+    source::run(&slow, &mut || Ok(stream(10)), &running.link, &stop, (None, false)); // returns at once
     running.end();
 }
 
@@ -261,7 +267,13 @@ fn a_stop_ends_a_source_that_waits_for_room() {
     let link = Link::new(Arc::clone(&queue), 0);
     link.send(Input::Source(SourceState::Running)).unwrap();
     let source = thread::spawn(move || {
-        source::run(&at_full_speed(), &mut || Ok(stream(10)), &link, &Stop::default(), None);
+        source::run(
+            &at_full_speed(),
+            &mut || Ok(stream(10)),
+            &link,
+            &Stop::default(),
+            (None, false),
+        );
     });
     queue.close();
     source.join().unwrap();

@@ -3,25 +3,29 @@
 //! A shard never waits for the store: what finds no room in the queue is lost and counted. The open
 //! minute is in memory; a kill loses it, which shows as a gap.
 
+use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::past::PastStream;
 use crate::alarms::past::PastWindow;
 use crate::api::view::TrendHandle;
 use crate::capture::recording::store::Store as Recordings;
+use crate::config::Config;
 use crate::pipeline::Outcome;
 use crate::signal::ChannelInfo;
 use crate::signal::Timestamp;
 use crate::store::StreamKey;
+use crate::store::trends;
 use crate::store::trends::Holdings;
 use crate::store::trends::Minute;
+use crate::store::trends::Projection;
 use crate::store::trends::SqliteTrendArchive;
 use crate::store::trends::SqliteTrends;
 use crate::store::trends::TrendStore;
 use crate::store::trends::queue::MAX_WAITING_BYTES;
 use crate::store::trends::queue::Queue;
 use crate::store::writer::Status;
+use crate::telemetry::Metrics;
 use crate::telemetry::TrendMetrics;
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::PoisonError;
@@ -86,17 +90,45 @@ impl std::fmt::Debug for TrendPlan {
     }
 }
 
-/// Joins machines and the trends in the store's `directory`.
+/// Opens the trends of the store, says what those of `n_channels` will take and joins them with machines.
+///
+/// # Errors
+/// When their folder cannot be made, or they cannot fit.
 pub(super) fn open(
-    directory: &Path,
-    store: SqliteTrends,
-    budget: Budget,
-    metrics: TrendMetrics,
-) -> (TrendKeeper, TrendPlan, TrendHandle) {
-    let (keeper, plan, holdings) = join(Box::new(store), budget, metrics);
+    config: &Config,
+    n_channels: usize,
+    metrics: &Metrics,
+    recordings: Option<Arc<Mutex<Recordings>>>,
+) -> Result<(TrendKeeper, TrendPlan, TrendHandle), StartError> {
+    let directory = &config.store.directory;
+    let store = SqliteTrends::open(directory, config.store.trends)?;
+    let (hop_s, features) = (config.monitor.hop_s, store.features_per_channel());
+    let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
+    let segment_bytes = config.recording.map_or(0, |recording| recording.segment_bytes);
+    let budget = Budget {
+        max_bytes: config.bytes_beside_captures(),
+        for_recordings: segment_bytes.saturating_mul(config.machines.len() as u64 + 1),
+        recordings,
+    };
+    let limit_bytes = budget.max_bytes.saturating_sub(budget.for_recordings);
+    let needed_bytes = needed.total();
+    let Projection { windows_bytes, minutes_bytes, hours_bytes } = needed;
+    tracing::info!(
+        n_channels,
+        needed_bytes,
+        windows_bytes,
+        minutes_bytes,
+        hours_bytes,
+        limit_bytes,
+        "projected size of trends"
+    );
+    if needed_bytes > limit_bytes {
+        return Err(StartError::Trends { n_channels, needed, limit_bytes });
+    }
+    let (keeper, plan, holdings) = join(Box::new(store), budget, metrics.trends());
     let archive = Arc::new(SqliteTrendArchive::new(directory));
     let status = Arc::clone(&keeper.status);
-    (keeper, plan, TrendHandle { archive, status, holdings })
+    Ok((keeper, plan, TrendHandle { archive, status, holdings }))
 }
 
 /// Joins machines and a store by a queue.

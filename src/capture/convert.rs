@@ -13,7 +13,7 @@ pub(super) struct Conversion {
     /// Sample per raw unit.
     gain: f64,
     /// Raw value that becomes sample 0.
-    raw_zero: f64,
+    pub(super) raw_zero: f64,
     /// physical = sample + offset, in the channel's canonical unit.
     pub(super) offset: f64,
 }

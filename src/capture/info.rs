@@ -83,6 +83,8 @@ pub struct ChannelDescription {
     pub scale: f64,
     /// See `scale`.
     pub offset: f64,
+    /// Raw value that becomes sample 0 of the channel's blocks.
+    pub raw_zero: f64,
     /// How they are stored, e.g. `chunks of 10000, shuffle, gzip`.
     pub storage: String,
     /// The `unit` attribute as written.

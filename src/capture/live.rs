@@ -21,7 +21,8 @@ impl LiveChannel {
         let unit = channel_unit::resolve(sensor, channel.unit.as_deref());
         let kind = channel.number_type;
         let (scale, offset) = (channel.scale, channel.offset);
-        let conversion = Conversion::new(kind, scale, offset, unit.unit.factor, None)?;
+        let zero = RawSamples::F64(vec![channel.raw_zero]);
+        let conversion = Conversion::new(kind, scale, offset, unit.unit.factor, Some(&zero))?;
         let info = ChannelInfo {
             name: channel.name.clone(),
             sample_rate: channel.sample_rate,
@@ -58,6 +59,7 @@ mod tests {
             number_type: NumberType::I16,
             scale: 0.5,
             offset: 2.0,
+            raw_zero: 0.0,
             unit: Some("um".to_owned()),
             sensor: None,
         };

@@ -13,6 +13,8 @@ pub mod map;
 pub mod foreign;
 pub mod info;
 pub mod received;
+pub mod attachment;
+pub mod held;
 pub mod live;
 pub mod reader;
 pub mod writer;

@@ -133,6 +133,8 @@ pub struct ReceivedChannel {
     pub scale: f64,
     /// See `scale`.
     pub offset: f64,
+    /// Raw value that becomes sample 0 of a block; 0 unless the source chose another.
+    pub raw_zero: f64,
     /// Unit as the source spells it.
     pub unit: Option<String>,
     /// What measures it, for people.

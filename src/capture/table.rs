@@ -266,6 +266,7 @@ impl Facts<'_> {
             number_type: self.kind,
             scale,
             offset,
+            raw_zero: conversion.raw_zero,
             storage: self.storage.clone(),
             unit_text,
             sensor: None,

@@ -325,10 +325,10 @@ impl Api {
             query.push(("limit", &page));
             query.extend(after.iter().map(|after| ("after", after.as_str())));
             let mut found = self.get(path, &query)?;
-            match found["items"].take() {
-                Value::Array(more) => items.extend(more),
-                _ => return Err(AlarmsError::Foreign { endpoint: self.endpoint.to_string() }),
-            }
+            let Value::Array(more) = found["items"].take() else {
+                return Err(AlarmsError::Foreign { endpoint: self.endpoint.to_string() });
+            };
+            items.extend(more);
             after = found["next"].as_str().map(str::to_owned);
             if after.is_none() {
                 break;

@@ -8,16 +8,23 @@ use super::output::Output;
 use super::output::OutputError;
 use super::page;
 use super::progress::Progress;
+use super::replayed;
 use super::report;
 use super::report::Layout;
 use super::terminal::Page;
 use crate::api::wire::diagnosis::DiagnosisDocument;
+use crate::capture::content;
+use crate::capture::content::Content;
+use crate::capture::error::CaptureError;
 use crate::capture::map::MapError;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::verdict::Diagnosis;
+use crate::evidence;
+use crate::evidence::EvidenceError;
+use crate::evidence::again::Again;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
@@ -41,6 +48,7 @@ Examples:
   rotorwatch diagnose --machine rig.toml --format json --out verdicts.jsonl runs/*.h5
   rotorwatch diagnose --machine rig.toml --format html --out run-7.html run-7.h5
   rotorwatch diagnose --machine rig.toml --fail-on damaged run-7.h5 || page-someone
+  rotorwatch diagnose --evidence rig-1-00000007.h5
   rotorwatch diagnose --machine rig.toml --rate 12000 --map 'DE=/acc x,unit=g' run-7.csv
   rotorwatch diagnose --machine rig.toml --map DE=/ch1,unit=V,scale=1.5e-4 run-7.wav
 
@@ -49,8 +57,11 @@ Captures are HDF5, CSV or WAV: the content decides. `rotorwatch check` shows wha
 Without --machine the capture's own machine description is used; without that only levels and the
 health of the sensors can be told.
 
+A capture that the daemon made of an alarm is held against the baseline inside unless --baseline says otherwise;
+--evidence judges its windows again, and ends with 2 if one is not the same bit by bit.
+
 Exit codes: 0 done; 1 the state named by --fail-on was found; 2 something could not be read, judged
-or written (the other captures still are).";
+or written (the other captures still are), or a window judged again is another one.";
 
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
@@ -77,7 +88,9 @@ pub struct Arguments {
     /// Text for people, one JSON document a line for each capture, or a page with pictures of one capture.
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
-    /// Show the evidence for every component, not only for those accused (JSON always has it).
+    /// Show the evidence for every component, not only for those accused (JSON always has it). A capture that the
+    /// daemon made of an alarm is not diagnosed as a whole: the windows that the alarm rests on are judged again, with
+    /// the machine, settings and baseline inside, and held against what was found then, bit by bit.
     #[arg(long)]
     pub evidence: bool,
     /// Write to this file instead of stdout; it appears when it is complete.
@@ -158,6 +171,16 @@ impl Tally {
     }
 }
 
+impl Tally {
+    /// Counts a capture whose windows were judged again.
+    fn count(&mut self, again: &Again, fail_on: Option<FailOn>) {
+        self.n_diagnosed += 1;
+        self.n_failed += usize::from(!again.is_equal());
+        let state = again.diagnosis.as_ref().map(|diagnosis| diagnosis.state);
+        self.fail_on_met |= fail_on.zip(state).is_some_and(|(fail_on, s)| fail_on.is_met_by(s));
+    }
+}
+
 /// Reads a probability of false alarms.
 fn probability(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -204,6 +227,23 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         if output.is_closed() && arguments.fail_on.is_none() {
             break; // Nobody reads on, and nobody asked for the exit code.
         }
+        if arguments.evidence
+            && arguments.format != Format::Html
+            && let Some(again) = again(file, &mut tally)
+        {
+            let Some(again) = again else { continue };
+            output.write(&writer.replayed(&again, file, tally.n_diagnosed == 0)?)?;
+            tally.count(&again, arguments.fail_on);
+            continue;
+        }
+        let reference = match with_kept(file, &reference, &arguments.baseline) {
+            Ok(reference) => reference,
+            Err(error) => {
+                tally.n_failed += 1;
+                super::tell(&error);
+                continue;
+            }
+        };
         let found = progress.of(file, |told| offline::diagnose(file, &reference, told));
         match found {
             Ok(diagnosis) => {
@@ -223,6 +263,48 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         output.finish()?;
     }
     Ok(tally)
+}
+
+/// Judges the windows again that a capture keeps. `None`: it keeps none; `Some(None)`: they cannot be, which was told.
+fn again(file: &Path, tally: &mut Tally) -> Option<Option<Again>> {
+    if !is_hdf5(file) {
+        return None;
+    }
+    match evidence::again::judge(file) {
+        Ok(again) => again.map(Some),
+        Err(error) => {
+            tally.n_failed += 1;
+            if let EvidenceError::Machine { source, .. } = &error {
+                super::tell_lines(source);
+            } else {
+                super::tell(&error);
+            }
+            Some(None)
+        }
+    }
+}
+
+/// What a capture is held against: without `--baseline`, the baseline that an alarm's capture keeps.
+fn with_kept(
+    file: &Path,
+    reference: &Reference,
+    given: &[PathBuf],
+) -> Result<Reference, EvidenceError> {
+    let mut reference = reference.clone();
+    if given.is_empty() && is_hdf5(file) {
+        // What cannot be read at all is told by whoever reads it.
+        let kept = match evidence::again::baseline(file) {
+            Err(EvidenceError::Capture(CaptureError::Library { .. })) => None,
+            kept => kept?,
+        };
+        reference.baseline = kept.unwrap_or_default();
+    }
+    Ok(reference)
+}
+
+fn is_hdf5(file: &Path) -> bool {
+    let content = fs::File::open(file).and_then(|mut file| content::of(&mut file));
+    matches!(content, Ok(Content::Hdf5))
 }
 
 fn learn(
@@ -279,6 +361,22 @@ impl Writer {
         let page = if output.is_stdout() { Page::of_stdout() } else { Page::PLAIN };
         let layout = Layout { page, all_evidence: arguments.evidence };
         Self { format: arguments.format, layout }
+    }
+
+    /// What is said of a capture whose windows were judged again.
+    fn replayed(
+        &self,
+        again: &Again,
+        file: &Path,
+        is_first: bool,
+    ) -> Result<String, DiagnoseError> {
+        let name = file.display().to_string();
+        if self.format == Format::Json {
+            return Ok(serde_json::to_string(&replayed::document(again, &name))? + "\n");
+        }
+        let gap = if is_first { "" } else { "\n" };
+        let verdict = again.diagnosis.as_ref().map(|d| report::text(d, &name, &self.layout));
+        Ok(format!("{gap}{}{}", verdict.unwrap_or_default(), replayed::text(again)))
     }
 
     fn text(

@@ -11,6 +11,7 @@ pub mod progress;
 pub mod report;
 pub mod page;
 pub mod diagnose;
+mod replayed;
 pub mod evaluate;
 pub mod check;
 pub mod bearings;

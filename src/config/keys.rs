@@ -30,7 +30,8 @@ pub struct Key {
 }
 
 /// Sections that stand once.
-pub const SECTIONS: &[&str] = &["server", "store", "recording", "pipeline", "diagnosis", "alarms"];
+pub const SECTIONS: &[&str] =
+    &["server", "store", "recording", "captures", "pipeline", "diagnosis", "alarms"];
 
 /// Sections that may be repeated, as `[[machine]]`; one with a point stands below a section of its own.
 pub const LISTS: &[&str] = &["machine", "source", "notify.webhook", "notify.mqtt"];
@@ -51,6 +52,11 @@ pub const KEYS: &[Key] = &[
     key("recording", "segment_bytes", Kind::Whole(100_000, MAX_BYTES)),
     key("recording", "flush_seconds", Kind::Number(0.05, 60.0)),
     key("recording", "compression", Kind::Whole(0, 9)),
+    key("captures", "enabled", Kind::Flag),
+    key("captures", "seconds_before", Kind::Number(1.0, 3_600.0)),
+    key("captures", "seconds_after", Kind::Number(0.0, 600.0)),
+    key("captures", "most_per_hour", Kind::Whole(1, 1_000)),
+    key("captures", "max_bytes", Kind::Whole(100_000, MAX_BYTES)),
     key("pipeline", "workers", Kind::Whole(0, 256)),
     key("pipeline", "ring_seconds", Kind::Number(1.0, 3_600.0)),
     key("pipeline", "memory_limit_bytes", Kind::Whole(1_000_000, MAX_BYTES)),

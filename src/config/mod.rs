@@ -43,12 +43,23 @@ pub struct Config {
     pub memory_limit_bytes: u64,
     /// How what is received is recorded; `None`: not at all.
     pub recording: Option<recording::Settings>,
+    /// What is kept of the raw data of an alarm; `None`: nothing.
+    pub captures: Option<Captures>,
     /// How windows are laid and alarms raised.
     pub monitor: pipeline::Settings,
     /// Who is told of alarms.
     pub notify: receivers::Settings,
     /// The machines, each with its source.
     pub machines: Vec<MachineConfig>,
+}
+
+impl Config {
+    /// What recordings and trends may take together: what captures leave of the store, bytes.
+    #[must_use]
+    pub fn bytes_beside_captures(&self) -> u64 {
+        let of_captures = self.captures.map_or(0, |captures| captures.max_bytes);
+        self.store.max_bytes.saturating_sub(of_captures)
+    }
 }
 
 /// Where recordings and trends are kept.
@@ -68,6 +79,23 @@ impl Default for Store {
         Self { directory, max_bytes: 20_000_000_000, trends: Retention::default() }
     }
 }
+
+/// What is kept of the raw data of an alarm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Captures {
+    /// Stream time before the alarm, s.
+    pub before_s: f64,
+    /// Stream time after it, s.
+    pub after_s: f64,
+    /// Captures of a machine an hour, at most.
+    pub most_per_hour: usize,
+    /// Bytes of all captures together, at most.
+    pub max_bytes: u64,
+}
+
+/// What is kept of the raw data of an alarm unless the configuration says otherwise.
+pub const CAPTURES: Captures =
+    Captures { before_s: 30.0, after_s: 10.0, most_per_hour: 12, max_bytes: 2_000_000_000 };
 
 /// How recordings are cut and stored unless the configuration says otherwise.
 pub const RECORDING: recording::Settings =
@@ -101,6 +129,7 @@ impl Default for Config {
             bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
             store: Store::default(),
             recording: None,
+            captures: Some(CAPTURES),
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),

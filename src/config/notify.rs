@@ -59,21 +59,20 @@ impl Resolver<'_> {
         }
         for (i, webhook) in raw.webhook.into_iter().enumerate() {
             let path = format!("notify.webhook[{i}]");
-            let Some(webhook) = self.webhook(&path, webhook, machines) else { continue };
-            self.check_name(&path, &webhook.name, &settings);
-            settings.webhooks.push(webhook);
+            self.check_name(&path, webhook.name.as_deref(), &settings);
+            settings.webhooks.extend(self.webhook(&path, webhook, machines));
         }
         for (i, broker) in raw.mqtt.into_iter().enumerate() {
             let path = format!("notify.mqtt[{i}]");
-            let Some(broker) = self.broker(&path, broker, machines) else { continue };
-            self.check_name(&path, &broker.name, &settings);
-            settings.brokers.push(broker);
+            self.check_name(&path, broker.name.as_deref(), &settings);
+            settings.brokers.extend(self.broker(&path, broker, machines));
         }
         settings
     }
 
     /// Names are labels of metrics and keys of the store.
-    fn check_name(&mut self, path: &str, name: &str, before: &Settings) {
+    fn check_name(&mut self, path: &str, name: Option<&str>, before: &Settings) {
+        let Some(name) = name else { return };
         let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
         if name.is_empty() || name.len() > 64 || !name.chars().all(fits) {
             let message =
@@ -91,9 +90,11 @@ impl Resolver<'_> {
         machines: &[MachineConfig],
     ) -> Option<Webhook> {
         let name = self.required(path, "name", raw.name);
-        let url = self.required(path, "url", raw.url)?;
-        let endpoint = Endpoint::parse(&url, raw.plain_http.unwrap_or(false));
-        let endpoint = endpoint.map_err(|message| self.report(&format!("{path}.url"), message));
+        let url = self.required(path, "url", raw.url);
+        let endpoint = url.and_then(|url| {
+            let endpoint = Endpoint::parse(&url, raw.plain_http.unwrap_or(false));
+            endpoint.map_err(|message| self.report(&format!("{path}.url"), message)).ok()
+        });
         let secret = match (raw.secret, raw.secret_file) {
             (Some(_), Some(_)) => {
                 let message = "secret and secret_file are both set, one is allowed".to_owned();
@@ -118,7 +119,7 @@ impl Resolver<'_> {
         let filter = self.filter(path, (raw.machines, raw.levels, raw.transitions), machines);
         Some(Webhook {
             name: name?,
-            endpoint: endpoint.ok()?,
+            endpoint: endpoint?,
             secret,
             headers,
             ca_file: self.ca_file(path, raw.ca_file),

@@ -11,6 +11,7 @@ pub(super) struct Raw {
     pub(super) server: Server,
     pub(super) store: Store,
     pub(super) recording: Recording,
+    pub(super) captures: Captures,
     pub(super) pipeline: Pipeline,
     pub(super) diagnosis: Diagnosis,
     pub(super) alarms: Alarms,
@@ -46,6 +47,17 @@ pub(super) struct Recording {
     pub(super) segment_bytes: Option<u64>,
     pub(super) flush_seconds: Option<f64>,
     pub(super) compression: Option<u32>,
+}
+
+/// `[captures]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Captures {
+    pub(super) enabled: Option<bool>,
+    pub(super) seconds_before: Option<f64>,
+    pub(super) seconds_after: Option<f64>,
+    pub(super) most_per_hour: Option<usize>,
+    pub(super) max_bytes: Option<u64>,
 }
 
 /// `[pipeline]`

@@ -1,5 +1,7 @@
 //! Raw → validated: what no single key can tell (references, files, relations between keys).
 
+use super::CAPTURES;
+use super::Captures;
 use super::Config;
 use super::MachineConfig;
 use super::RECORDING;
@@ -36,6 +38,9 @@ use std::sync::Arc;
 /// Source kinds of the contract that this version does not have yet.
 const LATER_KINDS: &[&str] = &["tcp", "mqtt"];
 
+/// Longest stretch of the past that is held for captures without being asked for, s.
+const MAX_SECONDS_BEFORE: f64 = 600.0;
+
 /// Keys of a source that only one kind of it has.
 const OF_REPLAY: &[&str] = &["file", "loop", "rate_hz", "unit"];
 const OF_SIMULATED: &[&str] = &["scene", "scenario", "seed"];
@@ -54,6 +59,7 @@ pub(super) fn config(
     let machines = resolver.machines(raw.machine, raw.source);
     let notify = resolver.receivers(raw.notify, &machines);
     let trends = retention(&raw.store, default.store.trends);
+    let monitor = resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor);
     Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
         store: Store {
@@ -63,10 +69,11 @@ pub(super) fn config(
             trends,
         },
         recording: resolver.recording(&raw.recording, n_machines, max_bytes),
+        captures: resolver.captures(&raw.captures, &monitor, max_bytes),
         workers: raw.pipeline.workers.unwrap_or(default.workers),
         memory_limit_bytes: raw.pipeline.memory_limit_bytes.unwrap_or(default.memory_limit_bytes),
         monitor: super::held_to(
-            resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor),
+            monitor.clone(),
             raw.diagnosis.false_alarms_per_component_year.unwrap_or(rate::A_COMPONENT_YEAR),
         ),
         notify,
@@ -149,6 +156,39 @@ impl Resolver<'_> {
             self.report("recording.segment_bytes", message);
         }
         Some(settings)
+    }
+
+    /// Checks that a capture holds every window that raises an alarm, and that captures fit into the store.
+    fn captures(
+        &mut self,
+        raw: &raw::Captures,
+        monitor: &pipeline::Settings,
+        max_bytes: u64,
+    ) -> Option<Captures> {
+        let needed_s = monitor.window_s + monitor.hop_s + monitor.alarms.on_delay_s;
+        let before_s = CAPTURES.before_s.max(needed_s.min(MAX_SECONDS_BEFORE));
+        let captures = Captures {
+            before_s: raw.seconds_before.unwrap_or(before_s),
+            after_s: raw.seconds_after.unwrap_or(CAPTURES.after_s),
+            most_per_hour: raw.most_per_hour.unwrap_or(CAPTURES.most_per_hour),
+            max_bytes: raw.max_bytes.unwrap_or(CAPTURES.max_bytes.min(max_bytes / 4)),
+        };
+        if raw.enabled == Some(false) {
+            return None;
+        }
+        if captures.before_s < monitor.window_s {
+            let message = format!(
+                "{} s is shorter than window_seconds ({} s): no window would be whole in a capture",
+                captures.before_s, monitor.window_s
+            );
+            self.report("captures.seconds_before", message);
+        }
+        if captures.max_bytes > max_bytes {
+            let message =
+                format!("{} is more than store.max_bytes ({max_bytes})", captures.max_bytes);
+            self.report("captures.max_bytes", message);
+        }
+        Some(captures)
     }
 
     fn monitor(

@@ -48,6 +48,10 @@ pub enum ComponentKind {
 }
 
 impl ComponentKind {
+    /// All kinds.
+    pub const ALL: [Self; 5] =
+        [Self::Bearing, Self::Shaft, Self::Gear, Self::Sensor, Self::Machine];
+
     /// Name in documents.
     #[must_use]
     pub fn name(self) -> &'static str {

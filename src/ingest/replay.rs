@@ -200,6 +200,7 @@ fn received_channel(channel: &ChannelDescription) -> ReceivedChannel {
         number_type: channel.number_type,
         scale: channel.scale,
         offset: channel.offset,
+        raw_zero: channel.raw_zero,
         unit: channel.unit_text.clone(),
         sensor: channel.sensor.clone(),
     }

@@ -1,8 +1,8 @@
 //! Where a webhook goes: what an address may be.
 
+use core::net::IpAddr;
 use http::Uri;
 use std::fmt;
-use std::net::IpAddr;
 
 /// A checked address. Its `Debug` and `Display` name the host alone: a path may be as good as a password.
 #[derive(Clone, PartialEq, Eq)]

@@ -26,11 +26,11 @@ fn waits_double_up_to_the_longest_and_jitter_takes_half_of_it() {
     let whole: Vec<f64> = (1..10).map(|n| backoff.wait_s(n, 1.0)).collect();
     assert_eq!(whole, [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]);
     assert_eq!((backoff.wait_s(3, 0.0), backoff.wait_s(3, 0.5)), (2.0, 3.0));
-    assert_eq!(backoff.wait_s(u32::MAX, 1.0), 60.0);
+    assert_eq!(backoff.wait_s(u32::MAX, 1.0).to_bits(), 60.0_f64.to_bits());
     for wrong in [f64::NAN, -1.0, f64::NEG_INFINITY] {
-        assert_eq!(backoff.wait_s(1, wrong), 0.5);
+        assert_eq!(backoff.wait_s(1, wrong).to_bits(), 0.5_f64.to_bits());
     }
-    assert_eq!(backoff.wait_s(1, 2.0), 1.0);
+    assert_eq!(backoff.wait_s(1, 2.0).to_bits(), 1.0_f64.to_bits());
 }
 
 #[test]
@@ -126,8 +126,8 @@ proptest! {
         for answer in answers {
             // A few more events come, or all at once after a restart.
             let upto = (seen + 2).min(wanted.len());
-            for place in seen..upto {
-                queue.see(place as u64 + 1, wanted[place]);
+            for (place, is_wanted) in (1..).zip(&wanted).take(upto).skip(seen) {
+                queue.see(place, *is_wanted);
             }
             seen = upto;
             now_s += 4000.0;
@@ -143,8 +143,8 @@ proptest! {
                     _ => {
                         // Killed: what was kept after the last answer is all that is left.
                         queue = Courier::new(Queue::new(kept, max_waiting), Backoff::default());
-                        for place in 0..seen {
-                            queue.see(place as u64 + 1, wanted[place]);
+                        for (place, is_wanted) in (1..).zip(&wanted).take(seen) {
+                            queue.see(place, *is_wanted);
                         }
                     }
                 }

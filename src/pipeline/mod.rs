@@ -3,6 +3,7 @@
 //! One [`Monitor`] a machine, used alike by the daemon's shards and by offline `diagnose`. Pure:
 //! time is stream time, samples come in as arguments.
 
+mod trail;
 mod windows;
 
 use crate::alarms::AlarmEngine;
@@ -34,6 +35,8 @@ use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
 use crate::units::Hz;
 use std::sync::Arc;
+use trail::Trail;
+pub use trail::{Carried, Passed, Run};
 use windows::WindowGrid;
 
 /// Fewest samples of the fastest channel in a window.
@@ -127,8 +130,11 @@ pub struct Monitor {
     segment: Option<u32>,
     extractor: Extractor,
     run_up: RunUp,
-    baseline: Baseline,
+    baseline: Arc<Baseline>,
     drift: drift::Watch,
+    trail: Trail,
+    /// Contiguous runs that have ended.
+    n_runs: u64,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
     alarms: AlarmEngine,
@@ -165,8 +171,10 @@ impl Monitor {
             segment: None,
             extractor,
             run_up: RunUp::default(),
-            baseline: settings.baseline.clone(),
+            baseline: Arc::new(settings.baseline.clone()),
             drift: drift::Watch::default(),
+            trail: Trail::default(),
+            n_runs: 0,
             provisional: Vec::new(),
             rejected: Vec::new(),
             alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
@@ -211,6 +219,7 @@ impl Monitor {
             emit(outcome);
         }
         self.segment = None;
+        self.n_runs += 1;
         self.run_up.clear();
     }
 
@@ -243,7 +252,9 @@ impl Monitor {
         let provisional = is_kept && self.baseline.provisional;
         let records: Vec<Record> = named.chain(records).collect();
         if records != self.baseline.records {
-            self.baseline = Baseline { records, provisional };
+            self.baseline = Arc::new(Baseline { records, provisional });
+            // What was judged against another baseline cannot be judged again with this one.
+            self.trail.clear();
         }
     }
 
@@ -304,7 +315,23 @@ impl Monitor {
         let copies: Vec<Option<Copied>> =
             (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
-        let mut features = self.extractor.extract(&Window { time_s, channels });
+        let window = Window { time_s, channels };
+        let before = self.trail.is_kept().then(|| self.carried());
+        let outcome = self.judge_window(&window);
+        if let Some(before) = before {
+            let raised = self.alarms.raised();
+            let origin_s = self.grid.origin_s();
+            let place = (self.segment.unwrap_or(0), self.n_runs, origin_s);
+            let passed = Passed::new(&window, place, before, &outcome, raised);
+            self.trail.push(passed);
+        }
+        outcome
+    }
+
+    /// Measures and judges a window, and lets what follows know of it.
+    fn judge_window(&mut self, window: &Window<'_>) -> Outcome {
+        let time_s = window.time_s;
+        let mut features = self.extractor.extract(window);
         self.run_up.follow(&self.machine, &mut features);
         features.load = features.load.or(self.settings.load);
         let point = OperatingPoint { speed: features.speed.first, load: features.load };
@@ -413,7 +440,8 @@ impl Monitor {
         let record =
             |w| Record::of_windows("first segments", std::slice::from_ref(w), &self.channels);
         let records = self.provisional.iter().map(record).collect();
-        self.baseline = Baseline { records, provisional: true };
+        self.baseline = Arc::new(Baseline { records, provisional: true });
+        self.trail.clear();
         self.provisional.clear();
     }
 

@@ -22,6 +22,12 @@ impl WindowGrid {
         Self { window_s, hop_s, run: None }
     }
 
+    /// Where the run under way began, s: windows end a whole number of hops after it.
+    #[must_use]
+    pub(super) fn origin_s(&self) -> Option<f64> {
+        self.run.map(|run| run.start_s)
+    }
+
     /// Begins a run at `start_s`, unless one is under way.
     pub(super) fn begin(&mut self, start_s: f64) {
         self.run.get_or_insert(Run { start_s, n_windows: 0, judged_to_s: start_s });

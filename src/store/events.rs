@@ -38,7 +38,7 @@ const MAX_HEALTH_CHANGES: i64 = 100_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happened {
     /// Something to an alarm.
-    Alarm(AlarmEvent),
+    Alarm(Box<AlarmEvent>),
     /// A verdict changed.
     Health(HealthChange),
 }
@@ -273,7 +273,7 @@ fn entry(connection: &Connection, row: &Row<'_>) -> Result<Option<LogEntry>, Sto
     let sequence: Option<i64> = rows::get(row, "sequence")?;
     let (what, start) = match sequence {
         Some(sequence) => match transition(connection, &machine, sequence)? {
-            Some((event, start)) => (Happened::Alarm(event), start),
+            Some((event, start)) => (Happened::Alarm(Box::new(event)), start),
             None => return Ok(None),
         },
         None => {

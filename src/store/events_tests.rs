@@ -53,7 +53,7 @@ fn what_happened_is_read_in_its_order_and_whole() {
     store.keep(&[first.clone(), second]).unwrap();
     let found = events.after(0, 100).unwrap();
     assert_eq!(places(&found), [1, 2, 3, 4, 5]);
-    assert_eq!(found[0].what, Happened::Alarm(raised(1)));
+    assert_eq!(found[0].what, Happened::Alarm(Box::new(raised(1))));
     assert_eq!(found[2].what, Happened::Health(healths[0].clone()));
     assert_eq!(found[3].what, Happened::Health(healths[1].clone()));
     assert_eq!((found[4].machine.as_str(), found[4].start), ("rig-2", first.stream.start));
@@ -119,6 +119,7 @@ fn an_older_database_brings_its_history_into_the_log() {
         .connection()
         .execute_batch(
             "DROP TABLE event; DROP TABLE event_log; DROP TABLE health; DROP TABLE receiver;
+             DROP TABLE capture; DROP TABLE alarm_capture;
              PRAGMA user_version = 3;",
         )
         .unwrap();

@@ -7,6 +7,7 @@
 pub mod audit;
 mod baselines;
 pub mod events;
+pub mod captures;
 mod keep;
 mod names;
 mod rows;
@@ -376,6 +377,8 @@ fn named(backup: Option<&PathBuf>) -> String {
 
 #[cfg(test)]
 mod baselines_tests;
+#[cfg(test)]
+mod captures_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -79,6 +79,17 @@ const MIGRATIONS: &[&str] = &[
      CREATE TABLE receiver (
         name TEXT PRIMARY KEY, settled_until INTEGER NOT NULL, n_delivered INTEGER NOT NULL,
         n_refused INTEGER NOT NULL, n_given_up INTEGER NOT NULL) WITHOUT ROWID;",
+    // 5: captures of alarms and of operators, and which alarm has which, or why none.
+    "CREATE TABLE capture (
+        seq INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, machine TEXT NOT NULL, number INTEGER NOT NULL,
+        author TEXT, comment TEXT, requested_utc INTEGER NOT NULL, start_utc INTEGER, trigger_s REAL NOT NULL,
+        from_s REAL, to_s REAL, state TEXT NOT NULL, note TEXT, bytes INTEGER NOT NULL,
+        windows INTEGER NOT NULL);
+     CREATE INDEX capture_of_machine ON capture (machine, number);
+     CREATE TABLE alarm_capture (
+        machine TEXT NOT NULL, number INTEGER NOT NULL, capture TEXT, reason TEXT,
+        recorded_utc INTEGER NOT NULL, PRIMARY KEY (machine, number)) WITHOUT ROWID;
+     CREATE INDEX alarm_of_capture ON alarm_capture (capture);",
 ];
 
 /// The newest schema.

@@ -1,6 +1,7 @@
 //! The log of the process: lines for people or machines on stderr. Must not know what is logged.
 
 use std::io;
+use tracing_log::LogTracer;
 use tracing_subscriber::EnvFilter;
 
 /// Environment variable that says what is logged, such as `debug` or `rotorwatch::app=trace`.
@@ -14,6 +15,9 @@ pub enum LogFormat {
     /// One JSON object a line.
     Json,
 }
+
+/// Beginnings of the names of libraries whose log would tell secrets: they log whole addresses and messages.
+const TALKATIVE: [&str; 4] = ["ureq", "rustls", "rumqtt", "mqttbytes"];
 
 /// Why the log cannot be set up.
 #[derive(Debug, thiserror::Error)]
@@ -34,8 +38,11 @@ pub fn start_log(format: LogFormat, filter: Option<&str>) -> Result<(), LogError
     let filter = EnvFilter::builder().parse(filter.unwrap_or("info")).map_err(LogError::Filter)?;
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
     let started = match format {
-        LogFormat::Text => log.with_ansi(false).try_init(),
-        LogFormat::Json => log.json().try_init(),
+        LogFormat::Text => tracing::subscriber::set_global_default(log.with_ansi(false).finish()),
+        LogFormat::Json => tracing::subscriber::set_global_default(log.json().finish()),
     };
-    started.map_err(LogError::Twice)
+    started.map_err(|error| LogError::Twice(error.into()))?;
+    // What libraries log by other means; at no level what clients say of addresses and messages.
+    let others = TALKATIVE.iter().fold(LogTracer::builder(), |log, name| log.ignore_crate(*name));
+    others.init().map_err(|error| LogError::Twice(error.into()))
 }

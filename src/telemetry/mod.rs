@@ -4,11 +4,22 @@
 //! diagnoses or HTTP.
 
 mod log;
+mod meters;
 
 pub use log::LOG_VARIABLE;
 pub use log::LogError;
 pub use log::LogFormat;
 pub use log::start_log;
+pub use meters::AlarmLoadMetrics;
+pub use meters::CaptureMetrics;
+pub use meters::ChannelMetrics;
+pub use meters::MachineMetrics;
+pub use meters::ReceiverMetrics;
+pub use meters::RecordingMetrics;
+pub use meters::SimulationMetrics;
+pub use meters::StoreMetrics;
+pub use meters::StreamMetrics;
+pub use meters::TrendMetrics;
 
 use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::encoding::text;
@@ -65,139 +76,6 @@ struct ShardLabels {
     shard: u64,
 }
 
-/// Counters of one channel.
-#[derive(Debug, Clone, Default)]
-pub struct ChannelMetrics {
-    /// Samples received and kept.
-    pub received: Counter,
-    /// Samples never received.
-    pub missing: Counter,
-    /// Samples received again or too late.
-    pub duplicated: Counter,
-}
-
-/// Counters of one machine.
-#[derive(Debug, Clone)]
-pub struct MachineMetrics {
-    /// Samples that the source could not hand on, such as values that are no numbers.
-    pub rejected: Counter,
-    /// Blocks lost because the queue was full.
-    pub blocks_dropped: Counter,
-    /// Windows judged.
-    pub windows_judged: Counter,
-    /// Alarm transitions.
-    pub alarm_transitions: Counter,
-    /// From the arrival of the block that completes a window to its published verdict, s.
-    pub verdict_latency_s: Histogram,
-}
-
-/// Counters of what is recorded of a machine.
-#[derive(Debug, Clone, Default)]
-pub struct RecordingMetrics {
-    /// Samples recorded.
-    pub recorded: Counter,
-    /// Samples received and not recorded.
-    pub lost: Counter,
-    /// Times the disk or the library refused.
-    pub failures: Counter,
-    /// Recordings removed for the store's limit.
-    pub removed: Counter,
-    /// Recordings in the store.
-    pub files: Gauge,
-    /// Their bytes.
-    pub bytes: Gauge,
-}
-
-/// Gauges of what the alarms of a machine ask of an operator.
-#[derive(Debug, Clone, Default)]
-pub struct AlarmLoadMetrics {
-    /// Alarms that are not over.
-    pub standing: Gauge,
-    /// Of these, conditions that are present and nobody has acknowledged.
-    pub unacknowledged: Gauge,
-    /// Of these, those that are silent.
-    pub silenced: Gauge,
-    /// Alarms annunciated within the last hour.
-    pub last_hour: Gauge,
-    /// Alarms annunciated within the last ten minutes.
-    pub last_ten_minutes: Gauge,
-    /// 1 during a flood.
-    pub flood: Gauge,
-    /// Alarms that chatter.
-    pub chattering: Gauge,
-    /// Alarms that are stale.
-    pub stale: Gauge,
-}
-
-/// How the store of alarms is doing.
-#[derive(Debug, Clone, Default)]
-pub struct StoreMetrics {
-    /// Events stored.
-    pub stored: Counter,
-    /// Events that will never be.
-    pub lost: Counter,
-    /// Events that wait for the store to recover.
-    pub waiting: Gauge,
-    /// 1 while it refuses.
-    pub failing: Gauge,
-}
-
-/// How a receiver of notifications is doing.
-#[derive(Debug, Clone, Default)]
-pub struct ReceiverMetrics {
-    /// Transitions that it took.
-    pub delivered: Counter,
-    /// Transitions that it refused for good.
-    pub refused: Counter,
-    /// Transitions given up because too many waited.
-    pub given_up: Counter,
-    /// Transitions that wait.
-    pub waiting: Gauge,
-    /// 1 while nothing gets through.
-    pub failing: Gauge,
-}
-
-/// Streams of events over HTTP.
-#[derive(Debug, Clone, Default)]
-pub struct StreamMetrics {
-    /// Streams that are open.
-    pub open: Gauge,
-    /// Streams that were refused because too many were open.
-    pub refused: Counter,
-    /// Connections cut because their reader took nothing any more.
-    pub stalled: Counter,
-}
-
-/// How the store of trends is doing.
-#[derive(Debug, Clone, Default)]
-pub struct TrendMetrics {
-    /// Points stored.
-    pub stored: Counter,
-    /// Points that will never be.
-    pub lost: Counter,
-    /// Points that wait for the store to recover.
-    pub waiting: Gauge,
-    /// 1 while it refuses.
-    pub failing: Gauge,
-    /// Bytes on the disk.
-    pub bytes: Gauge,
-    /// Files.
-    pub files: Gauge,
-    /// Damaged files put aside since the start.
-    pub set_aside: Gauge,
-}
-
-/// Gauges of a simulated source.
-#[derive(Debug, Clone, Default)]
-pub struct SimulationMetrics {
-    /// Simulated time, s.
-    pub simulated_s: Gauge<f64, AtomicU64>,
-    /// How late the newest block was, s.
-    pub lag_s: Gauge<f64, AtomicU64>,
-    /// Lag given up since the start, s.
-    pub given_up_s: Gauge<f64, AtomicU64>,
-}
-
 /// All metrics, by name.
 pub struct Metrics {
     registry: Registry,
@@ -227,6 +105,7 @@ pub struct Metrics {
     receiver_failing: Family<ReceiverLabels, Gauge>,
     streams: StreamMetrics,
     trends: TrendMetrics,
+    captures: CaptureMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -276,6 +155,7 @@ impl Metrics {
             receiver_failing: Family::default(),
             streams: StreamMetrics::default(),
             trends: TrendMetrics::default(),
+            captures: CaptureMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -307,6 +187,7 @@ impl Metrics {
         metrics.register_simulation(&mut registry);
         metrics.register_alarms(&mut registry);
         metrics.register_notifications(&mut registry);
+        metrics.register_captures(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -371,6 +252,21 @@ impl Metrics {
         registry.register("trend_files", "Files of stored trends", files.clone());
         let text = "Damaged files of trends put aside since the start";
         registry.register("trend_files_set_aside", text, set_aside.clone());
+    }
+
+    fn register_captures(&self, registry: &mut Registry) {
+        let CaptureMetrics { taken, refused, failed, removed, bytes } = self.captures.clone();
+        registry.register("captures", "Captures of alarms and operators begun", taken);
+        registry.register("captures_refused", "Times that alarms were given no capture", refused);
+        registry.register("captures_failed", "Captures that could not be made whole", failed);
+        registry.register("captures_removed", "Captures that gave way to newer ones", removed);
+        registry.register("capture_bytes", "Bytes of the captures in the store", bytes);
+    }
+
+    /// What becomes of captures.
+    #[must_use]
+    pub fn captures(&self) -> CaptureMetrics {
+        self.captures.clone()
     }
 
     fn register_simulation(&self, registry: &mut Registry) {

@@ -21,6 +21,7 @@ mod recordings;
 mod recorder;
 mod kill;
 mod trends;
+mod captures;
 mod baseline;
 mod page;
 mod diagnose;

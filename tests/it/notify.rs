@@ -75,10 +75,12 @@ fn receiver(daemon: &Daemon, name: &str) -> Value {
     all.iter().find(|receiver| receiver["name"] == name).unwrap().clone()
 }
 
-fn wait_told(daemon: &Daemon, name: &str) {
+/// Waits until a receiver was told of as many transitions as the history has, or of `n`.
+fn wait_told(daemon: &Daemon, name: &str, n: Option<usize>) {
     support::wait_until("everything to be told", || {
+        let n = n.unwrap_or_else(|| history(daemon).len());
         let receiver = receiver(daemon, name);
-        (receiver["waiting"] == 0 && receiver["failure"].is_null()).then_some(())
+        (receiver["delivered"] == n && receiver["waiting"] == 0).then_some(())
     });
 }
 
@@ -107,7 +109,9 @@ fn operate(base_url: &str, id: &str, mut state: String, n_answers: &AtomicU64) {
         let url = format!("{base_url}/api/v1/alarms/{id}/{act}");
         let Ok(mut response) = agent.post(url).send_json(&body) else { return };
         let Ok(after) = response.body_mut().read_json::<Value>() else { return };
-        state = after["state"].as_str().unwrap().to_owned();
+        // A daemon that is ending answers that it does.
+        let Some(now) = after["state"].as_str() else { return };
+        state = now.to_owned();
         n_answers.fetch_add(1, Ordering::SeqCst);
     }
 }
@@ -158,7 +162,7 @@ fn kill_and_restart(n_rounds: u64, seed: u64) {
     }
     hook.answer(200);
     let daemon = Daemon::start_in(dir);
-    wait_told(&daemon, "room");
+    wait_told(&daemon, "room", None);
     let expected = history(&daemon);
     assert!(expected.len() as u64 > n_rounds, "{expected:?}");
     assert_eq!(first_arrivals(&hook.messages()), expected, "in order, none lost, none invented");
@@ -167,7 +171,10 @@ fn kill_and_restart(n_rounds: u64, seed: u64) {
     // Doubled is at most what was under way at a kill.
     let n_doubled = hook.taken().len() - taken.len();
     assert!(n_doubled as u64 <= n_rounds, "{n_doubled} of {}", expected.len());
-    println!("{n_rounds} kills: {} transitions, {n_doubled} sent twice", expected.len());
+    #[expect(clippy::print_stdout, reason = "a figure")]
+    {
+        println!("{n_rounds} kills: {} transitions, {n_doubled} sent twice", expected.len());
+    }
     assert_eq!(daemon.terminate().status.code(), Some(0));
 }
 
@@ -202,21 +209,21 @@ fn verify(message: &Message, key: &str) {
     python.stdin.take().unwrap().write_all(message.body.as_bytes()).unwrap();
     assert!(python.wait().unwrap().success(), "{message:?}");
     let sent_s: i64 = header("webhook-timestamp").parse().unwrap();
-    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
+    #[expect(clippy::disallowed_methods, reason = "what a receiver does")]
+    let now = std::time::SystemTime::now();
+    let since = now.duration_since(std::time::UNIX_EPOCH).unwrap();
     assert!((since.as_secs().cast_signed() - sent_s).abs() < 300, "{sent_s}");
 }
 
 #[test]
 fn messages_are_signed_filtered_and_no_secret_is_told() {
     let (hook, dead, refusing) = (Hook::start(200), Hook::start(503), Hook::start(307));
-    let signed = format!(
-        "secret_file = \"key\"\nheaders = [\"X-Site: mill 3\"]\nheaders_file = \"headers\"\n\
-         transitions = [\"raised\"]"
-    );
+    let signed = "secret_file = \"key\"\nheaders = [\"X-Site: mill 3\"]\nheaders_file = \"headers\"\n\
+                  transitions = [\"raised\"]";
     let direct = format!("secret = \"{}\"", SECRETS[0]);
     let dead_url = format!("{}/{}", dead.url, SECRETS[2]);
     let dir = folder(&[
-        ("room", &hook.url, &signed),
+        ("room", &hook.url, signed),
         ("dead", &dead_url, &direct),
         ("moved", &refusing.url, &direct),
         ("nobody", &format!("http://127.0.0.1:1/{}", SECRETS[2]), &direct),
@@ -229,7 +236,7 @@ fn messages_are_signed_filtered_and_no_secret_is_told() {
     let id = standing.keys().next().unwrap();
     let act = json!({ "author": "M. Ito", "comment": "seen" });
     assert_eq!(daemon.post_json(&format!("/api/v1/alarms/{id}/ack"), &act).0, 200);
-    wait_told(&daemon, "room");
+    wait_told(&daemon, "room", Some(N_LIMITS));
     let messages = hook.messages();
     assert!(messages.len() >= N_LIMITS);
     for message in &messages {
@@ -288,7 +295,7 @@ fn an_encrypted_webhook_is_told_only_by_who_trusts_its_certificate() {
     std::fs::write(dir.path().join("other.pem"), other.cert.pem()).unwrap();
     let daemon = Daemon::start_in(dir);
     alarms(&daemon);
-    wait_told(&daemon, "trusting");
+    wait_told(&daemon, "trusting", None);
     assert_eq!(hook.taken(), history(&daemon), "by one of two");
     let told = support::wait_until("a failure", || {
         receiver(&daemon, "strange")["failure"].as_str().map(str::to_owned)
@@ -318,11 +325,11 @@ fn alarms_are_listed_and_acted_on_from_the_command_line() {
     assert_eq!(json(&acked)["items"].as_array().unwrap().len(), 2);
     let acts = [
         ("shelve", "shelved"),
-        ("unshelve", "acknowledged"),
+        ("unshelve", "unacknowledged"),
         ("suppress", "suppressed"),
-        ("unsuppress", "acknowledged"),
+        ("unsuppress", "unacknowledged"),
         ("out-of-service", "out_of_service"),
-        ("return", "acknowledged"),
+        ("return", "unacknowledged"),
     ];
     for (act, state) in acts {
         let for_s = if act == "shelve" { &["--for", "8h"][..] } else { &[] };

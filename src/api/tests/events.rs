@@ -11,9 +11,26 @@ use axum::http::Request;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
 use serde_json::Value;
+use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 use tokio::sync::watch;
+
+/// The log of a store; streams of it end when the sender is dropped.
+pub(super) fn handle(directory: &Path) -> (EventsHandle, watch::Sender<u64>) {
+    let log = Arc::new(SqliteEvents::join(directory).unwrap());
+    let (told, stored) = watch::channel(0);
+    let handle = EventsHandle {
+        log: Arc::clone(&log) as Arc<dyn crate::store::events::EventLog>,
+        audit: log,
+        stored,
+        open: Gauge::default(),
+        refused: Counter::default(),
+        stalled: Counter::default(),
+        receivers: Arc::new([]),
+    };
+    (handle, told)
+}
 
 /// A service over a log with the events of a first verdict on each of two machines.
 fn service() -> (TempDir, Service, EventsHandle, watch::Sender<u64>) {
@@ -32,17 +49,7 @@ fn service() -> (TempDir, Service, EventsHandle, watch::Sender<u64>) {
         standing: None,
     };
     store.keep(&[batch("rig-1"), batch("rig-2")]).unwrap();
-    let log = Arc::new(SqliteEvents::join(dir.path()).unwrap());
-    let (told, stored) = watch::channel(0);
-    let handle = EventsHandle {
-        log: Arc::clone(&log) as Arc<dyn crate::store::events::EventLog>,
-        audit: log,
-        stored,
-        open: Gauge::default(),
-        refused: Counter::default(),
-        stalled: Counter::default(),
-        receivers: Arc::new([]),
-    };
+    let (handle, told) = handle(dir.path());
     let service = Service::with(Behaviour::Answers, |settings| settings.max_streams = 1);
     (dir, service.with_events(handle.clone()), handle, told)
 }

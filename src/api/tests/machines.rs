@@ -2,7 +2,7 @@
 
 use crate::api::openapi_text;
 use crate::api::support::{Service, golden};
-use crate::api::tests::baselines;
+use crate::api::tests::{baselines, captures, events, trends};
 use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
 use serde_json::{Value, json};
@@ -133,14 +133,22 @@ async fn committed_openapi_document_is_current_and_served() {
 #[tokio::test]
 async fn every_described_path_is_served() {
     let folder = tempfile::TempDir::new().unwrap();
-    let service = baselines::service(folder.path());
+    let service = baselines::service(folder.path()).with_captures(captures::handle(folder.path()));
+    let service = trends::stored(service, folder.path());
+    // A stream of events ends with its store.
+    let service = service.with_events(events::handle(folder.path()).0);
     let body = serde_json::json!({ "author": "a", "windows": 12 });
     let learned = baselines::learn(&service, &body).await;
     let doc = service.get("/api/v1/openapi.json").await.json();
     let mut n_paths = 0;
     for (path, methods) in doc["paths"].as_object().unwrap() {
-        let id = if path.contains("/alarms/") { "rig-1:1" } else { "rig-1" };
+        let id = match path {
+            _ if path.contains("/alarms/") => "rig-1:1",
+            _ if path.contains("/captures/") => captures::ID,
+            _ => "rig-1",
+        };
         let path = path.replace("{id}", id).replace("{name}", "right_x");
+        let path = path.replace("{kind}", "bearing").replace("{component}", "right");
         let path = path.replace("{bid}", learned["id"].as_str().unwrap());
         if methods.get("get").is_some() {
             let answer = service.get(&path).await;
@@ -148,5 +156,5 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 30);
+    assert_eq!(n_paths, 37);
 }

@@ -2,8 +2,10 @@
 
 mod alarms;
 pub(super) mod baselines;
-mod events;
+pub(super) mod events;
+pub(super) mod captures;
 mod guards;
 mod machines;
 mod signals;
 mod simulation;
+mod trends;

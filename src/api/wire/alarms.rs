@@ -1,5 +1,6 @@
 //! Alarms and their events as JSON.
 
+use super::captures::CaptureLinkWire;
 use super::names::{AlarmStateName, EventName, FaultName, KindName, LevelName};
 use super::{finite, rfc3339};
 use crate::alarms::load::Load;
@@ -56,6 +57,8 @@ pub struct AlarmWire {
     pub occurrences: u32,
     /// The last acknowledgement.
     pub acknowledgement: Option<AcknowledgementWire>,
+    /// The raw data around it, or why there are none; null in events, and where nothing is known of it yet.
+    pub capture: Option<CaptureLinkWire>,
 }
 
 /// Who acknowledged, when and why.
@@ -260,6 +263,7 @@ impl AlarmWire {
                 comment: a.comment.clone(),
                 time: rfc3339(start, a.time_s),
             }),
+            capture: None,
         }
     }
 }

@@ -6,6 +6,7 @@
 
 mod names;
 pub mod diagnosis;
+pub mod evidence;
 pub mod evaluation;
 pub mod bearings;
 pub mod machines;
@@ -13,6 +14,7 @@ pub mod signals;
 pub mod alarms;
 pub mod audit;
 pub mod events;
+pub mod captures;
 pub mod baselines;
 pub mod problem;
 pub mod system;

@@ -60,7 +60,7 @@ impl Follower {
         let Begun { log, receivers, progress, told, metrics } = begun;
         let courier = Courier::new(Queue::new(progress, limits.0), limits.1);
         let name = name.to_owned();
-        let follower = Self {
+        let mut follower = Self {
             name,
             filter,
             courier,
@@ -72,6 +72,10 @@ impl Follower {
             metrics,
             store_refuses: false,
         };
+        // What waits from before the start is told from the start.
+        if let Err(error) = follower.read_on() {
+            tracing::error!(receiver = follower.name, %error, "the events cannot be read");
+        }
         follower.tell();
         follower
     }

@@ -8,9 +8,9 @@ mod webhook;
 mod mqtt;
 mod states;
 
-use super::build::StartError;
 use super::client::ClientError;
 use super::keeper::Keeper;
+use super::start_error::StartError;
 use crate::api::view::EventsHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::ReceiverStatus;

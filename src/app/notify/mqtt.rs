@@ -290,6 +290,7 @@ async fn put(
 }
 
 /// Nothing of an address or a secret is in what a failure says.
+#[expect(clippy::wildcard_enum_match_arm, reason = "a library's errors may become more")]
 fn why(error: &ConnectionError) -> &'static str {
     match error {
         ConnectionError::NetworkTimeout | ConnectionError::FlushTimeout => {

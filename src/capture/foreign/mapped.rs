@@ -375,6 +375,7 @@ impl Mapped<'_> {
             number_type: kind,
             scale,
             offset,
+            raw_zero: conversion.raw_zero,
             storage: format!("/{object}, {}, {storage}", number.name()),
             unit_text,
             sensor: None,

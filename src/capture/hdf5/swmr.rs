@@ -11,6 +11,8 @@ use std::path::Path;
 /// Number types of growing data sets; elements are handed over least significant byte first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::capture) enum ElementType {
+    /// Unsigned, 8 bits: text.
+    U8,
     /// Signed, 16 bits.
     I16,
     /// Signed, 32 bits.
@@ -29,6 +31,7 @@ impl ElementType {
     /// Bytes of one element.
     pub(in crate::capture) fn bytes(self) -> usize {
         match self {
+            Self::U8 => 1,
             Self::I16 => 2,
             Self::I32 | Self::U32 | Self::F32 => 4,
             Self::I64 | Self::F64 => 8,
@@ -37,6 +40,7 @@ impl ElementType {
 
     fn datatype(self) -> DatatypeMessage {
         match self {
+            Self::U8 => u8::hdf5_type(),
             Self::I16 => i16::hdf5_type(),
             Self::I32 => i32::hdf5_type(),
             Self::I64 => i64::hdf5_type(),

@@ -252,6 +252,7 @@ impl Layout<'_> {
             number_type: kind,
             scale,
             offset,
+            raw_zero: conversion.raw_zero,
             storage,
             unit_text,
             sensor: self.checks.text(&dataset, &path, "sensor")?,

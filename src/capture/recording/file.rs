@@ -4,6 +4,7 @@
 //! is visible in the order segments, samples, checksums: a reader never finds a sample without its
 //! time, nor a checksum without its samples.
 
+use super::super::attachment::{self, Attachment};
 use super::super::checksums;
 use super::super::error::{CaptureError, LibraryError};
 use super::super::hdf5::{ElementType, RecordingFile};
@@ -40,6 +41,8 @@ pub struct RecordingHeader {
     pub capture: CaptureHeader,
     /// Hash of the daemon's configuration.
     pub configuration: Option<String>,
+    /// What the file keeps beside its channels, in the group [`attachment::GROUP`].
+    pub evidence: Vec<Attachment>,
 }
 
 /// A recording that was closed.
@@ -419,8 +422,34 @@ fn start(
             Ok(Channel { name, rate, kind, base: None, samples, checksums })
         })
         .collect::<Result<_, LibraryError>>()?;
+    let kept = attachments(&mut file, &header.evidence)?;
     file.start()?;
+    for (mut column, bytes) in kept {
+        column.push(&mut file, &bytes)?;
+    }
     Ok((file, Columns { starts, times_s, channels }))
+}
+
+/// Declares what is kept beside the channels, each list as one chunk; gives what is to be written.
+fn attachments(
+    file: &mut RecordingFile,
+    kept: &[Attachment],
+) -> Result<Vec<(Column, Vec<u8>)>, LibraryError> {
+    if !kept.is_empty() {
+        file.group(attachment::GROUP)?;
+    }
+    let mut columns = Vec::new();
+    for Attachment { name, content } in kept.iter().filter(|kept| !kept.content.is_empty()) {
+        let element = match content {
+            attachment::Content::Text(_) => ElementType::U8,
+            attachment::Content::Numbers(_) => ElementType::F64,
+            attachment::Content::Counts(_) => ElementType::I64,
+        };
+        let length = content.len() as u64;
+        let dataset = file.column(attachment::GROUP, name, element, length, None)?;
+        columns.push((Column::new(dataset, element.bytes(), length, false), content.bytes()));
+    }
+    Ok(columns)
 }
 
 /// The checksum of what the file states about itself, segments aside: they are yet to come.

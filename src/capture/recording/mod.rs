@@ -11,6 +11,7 @@ pub mod file;
 pub mod repair;
 pub mod store;
 pub mod machine;
+pub mod triggered;
 
 #[cfg(test)]
 mod tests;

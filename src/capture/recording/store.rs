@@ -146,15 +146,25 @@ impl Store {
     ///
     /// If the folder cannot be made or read.
     pub fn next_file(&self, machine: &str) -> io::Result<PathBuf> {
+        self.next_file_after(machine, 0).map(|(_, file)| file)
+    }
+
+    /// The same, with a number above `used` too; gives the number with it.
+    ///
+    /// # Errors
+    ///
+    /// If the folder cannot be made or read.
+    pub fn next_file_after(&self, machine: &str, used: u64) -> io::Result<(u64, PathBuf)> {
         let machine = as_name(machine);
         let folder = self.root.join(&machine);
         fs::create_dir_all(&folder)?;
-        let mut highest = 0;
+        let mut highest = used;
         for entry in fs::read_dir(&folder)? {
             let name = entry?.file_name().to_string_lossy().into_owned();
             highest = highest.max(number(&name, &machine).unwrap_or(0));
         }
-        Ok(folder.join(format!("{machine}-{:0DIGITS$}.h5", highest.saturating_add(1))))
+        let number = highest.saturating_add(1);
+        Ok((number, folder.join(format!("{machine}-{number:0DIGITS$}.h5"))))
     }
 
     /// Notes how long a recording being written is; removes finished ones over the limit.
@@ -196,6 +206,13 @@ impl Store {
             n_files: sum.n_files + 1,
             bytes: sum.bytes + bytes,
         })
+    }
+
+    /// Bytes of everything there is.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let held = self.finished.values().chain(self.growing.values());
+        held.fold(self.damaged_bytes, |sum, bytes| sum.saturating_add(*bytes))
     }
 
     fn keep_limit(&mut self) -> Vec<StoreEvent> {

@@ -43,6 +43,7 @@ fn channels() -> Vec<ReceivedChannel> {
         number_type,
         scale,
         offset: 0.25,
+        raw_zero: 0.0,
         unit: Some("g".into()),
         sensor: None,
     };

@@ -156,7 +156,7 @@ pub(super) fn ask(
         was,
         standing,
         n_windows: telling.seen.n_windows,
-        gaps: std::mem::take(&mut telling.seen.gaps),
+        gaps: telling.seen.gaps.clone(),
         notes: Vec::new(),
     };
     answer.notes = notes(&telling, &stored, unreadable);

@@ -75,7 +75,7 @@ off_delay_s = 20.0
 id = 'crest'
 kind = 'feature'
 feature = 'crest'
-sensors = ['x']
+channels = ['x']
 warning_above = 4.0
 latching = true
 [[limits.alarm]]
@@ -83,7 +83,6 @@ id = 'both'
 kind = 'vote'
 of = ['rms', 'crest']
 votes = 2
-warning = true
 ";
 
 fn channels() -> Vec<ChannelInfo> {
@@ -242,6 +241,7 @@ fn live(machine: &Arc<Machine>, settings: &Settings, n: usize, with_acts: bool) 
                 now,
                 judged_until_s: engine.judged_until_s(),
                 events,
+                health: Vec::new(),
                 standing: None,
             }])
             .unwrap();
@@ -397,6 +397,7 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
         now: moment(life.time_s),
         judged_until_s: engine.judged_until_s(),
         events: raised,
+        health: Vec::new(),
         standing: None,
     };
     state.keep(&[batch]).unwrap();

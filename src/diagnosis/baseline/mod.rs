@@ -5,6 +5,7 @@
 //! scatter between and within records (C6). Once learned a record never changes: [`signed`] gives it an
 //! id by its content. Must not know where baselines are kept.
 
+mod kept;
 mod record;
 pub mod robust;
 pub mod signed;

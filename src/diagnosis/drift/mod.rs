@@ -11,6 +11,8 @@ use super::baseline::Usual;
 use crate::features::ChannelFeatures;
 use crate::features::overall;
 use crate::signal::ChannelInfo;
+use crate::tape::Reader;
+use crate::tape::Tape;
 use page::Sum;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -60,7 +62,7 @@ pub struct Drift {
 }
 
 /// Watches the levels of one machine.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Watch {
     sums: BTreeMap<(usize, &'static str), Sum>,
     /// What the sums are against: names and ids of the records.
@@ -100,6 +102,42 @@ impl Watch {
                 sum.add((window.time_s.0, x), step, threshold);
             }
         }
+    }
+
+    /// Writes all of it.
+    pub fn write(&self, tape: &mut Tape) {
+        tape.write(&[self.taken_to_s]);
+        tape.write_count(self.against.len());
+        for (name, id) in &self.against {
+            tape.write_word(name);
+            tape.write_flag(id.is_some());
+            if let Some(id) = id {
+                tape.write_word(id);
+            }
+        }
+        tape.write_count(self.sums.len());
+        for ((channel, feature), sum) in &self.sums {
+            tape.write_count(*channel);
+            tape.write_word(feature);
+            sum.write(tape);
+        }
+    }
+
+    /// Reads what [`Self::write`] wrote; `None`: it is something else.
+    #[must_use]
+    pub fn read(tape: &mut Reader<'_>) -> Option<Self> {
+        let taken_to_s = tape.number()?;
+        let against = tape.list(|tape| {
+            let name = tape.word()?.to_owned();
+            let id = if tape.flag()? { Some(Arc::from(tape.word()?)) } else { None };
+            Some((name, id))
+        })?;
+        let sums = tape.list(|tape| {
+            let (channel, name) = (tape.count()?, tape.word()?);
+            let feature = WATCHED.into_iter().find(|watched| *watched == name)?;
+            Some(((channel, feature), Sum::read(tape)?))
+        })?;
+        Some(Self { sums: sums.into_iter().collect(), against, taken_to_s })
     }
 
     /// The levels that have risen.

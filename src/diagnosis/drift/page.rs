@@ -1,5 +1,8 @@
 //! Page's test: whether the mean of a sequence has risen, with a stated mean time between false alarms.
 
+use crate::tape::Reader;
+use crate::tape::Tape;
+
 /// What a discrete random walk goes beyond a boundary, standard deviations: ζ(½)/√(2π) twice.
 const OVERSHOOT: f64 = 1.166;
 
@@ -61,6 +64,30 @@ impl Sum {
         rise.total += x;
         rise.n += 1;
         rise.is_proven |= self.value > threshold;
+    }
+
+    /// Writes all of it.
+    pub fn write(&self, tape: &mut Tape) {
+        tape.write(&[self.value]);
+        tape.write_flag(self.rise.is_some());
+        if let Some(Rise { since_s, total, n, is_proven }) = self.rise {
+            tape.write(&[since_s, total]);
+            tape.write_count(n);
+            tape.write_flag(is_proven);
+        }
+    }
+
+    /// Reads what [`Self::write`] wrote; `None`: it is something else.
+    #[must_use]
+    pub fn read(tape: &mut Reader<'_>) -> Option<Self> {
+        let value = tape.number()?;
+        let rise = if tape.flag()? {
+            let [since_s, total] = tape.array()?;
+            Some(Rise { since_s, total, n: tape.count()?, is_proven: tape.flag()? })
+        } else {
+            None
+        };
+        Some(Self { value, rise })
     }
 
     /// The rise, once it is proven.

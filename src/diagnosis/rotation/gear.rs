@@ -120,9 +120,8 @@ fn accuse_of_a_tooth(
         reading.map_or(Owner::Shaft(shaft), |r| gear_place::owner(gear, r, features, context));
     verdict.gear = Some(match owner {
         Owner::Shaft(shaft) => {
-            let over =
-                reading.and_then(|r| gear_place::beside(r, shaft, r.part, features, context));
-            finding(gear, shaft, over, context)
+            let at = reading.and_then(|r| gear_place::clearest(r, shaft, features, context));
+            finding(gear, shaft, at, context)
         }
         Owner::Unclear => GearFinding::default(),
     });

@@ -93,6 +93,22 @@ pub(super) fn beside<'a>(
         .find(|r| same_speed(r.shaft, shaft, context))
 }
 
+/// The reading over `shaft` that says best where a tooth is: the whole average, where one tooth stands out of it and stays,
+/// for the fewer orders the longer a blow rings; else the same part as `found`.
+pub(super) fn clearest<'a>(
+    found: &GearReading,
+    shaft: ShaftIndex,
+    features: &'a WindowFeatures,
+    context: &Context<'_>,
+) -> Option<&'a GearReading> {
+    let stands_out = |r: &&GearReading| {
+        is_one_tooth(r) && gear_signs::chance_of_persistence(r) <= context.false_alarm_probability
+    };
+    beside(found, shaft, Part::Whole, features, context)
+        .filter(stands_out)
+        .or_else(|| beside(found, shaft, found.part, features, context))
+}
+
 /// Whose tooth it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Owner {

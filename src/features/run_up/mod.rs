@@ -24,6 +24,8 @@ use crate::machine::Machine;
 use crate::machine::ShaftIndex;
 use crate::machine::sensor::SensorKind;
 use crate::signal::ChannelIndex;
+use crate::tape::Reader;
+use crate::tape::Tape;
 use crate::units::Hz;
 use crate::units::Unit;
 use rustfft::num_complex::Complex;
@@ -176,7 +178,7 @@ fn smooth(track: &PhaseTrack) -> Option<PhaseTrack> {
 }
 
 /// The pieces of one run, from its begin to now.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunUp {
     pieces: Vec<Piece>,
     /// The first piece of each speed since the last change.
@@ -186,6 +188,38 @@ pub struct RunUp {
 }
 
 impl RunUp {
+    /// Writes all of it.
+    pub fn write(&self, tape: &mut Tape) {
+        for pieces in [&self.pieces, &self.first] {
+            tape.write_count(pieces.len());
+            for piece in pieces {
+                tape.write_count(piece.channel.0);
+                let VectorAt { speed_hz, vector, weight } = piece.at;
+                let (from_s, to_s) = piece.time_s;
+                tape.write(&[from_s, to_s, speed_hz, vector.re, vector.im, weight]);
+            }
+        }
+        tape.write_count(self.reached_s.len());
+        for (channel, reached_s) in &self.reached_s {
+            tape.write_count(channel.0);
+            tape.write(&[*reached_s]);
+        }
+    }
+
+    /// Reads what [`Self::write`] wrote; `None`: it is something else.
+    #[must_use]
+    pub fn read(tape: &mut Reader<'_>) -> Option<Self> {
+        let read = |tape: &mut Reader<'_>| {
+            let channel = ChannelIndex(tape.count()?);
+            let [from_s, to_s, speed_hz, re, im, weight] = tape.array()?;
+            let at = VectorAt { speed_hz, vector: Complex::new(re, im), weight };
+            Some(Piece { channel, time_s: (from_s, to_s), at })
+        };
+        let (pieces, first) = (tape.list(read)?, tape.list(read)?);
+        let reached_s = tape.list(|tape| Some((ChannelIndex(tape.count()?), tape.number()?)))?;
+        Some(Self { pieces, first, reached_s })
+    }
+
     /// Begins anew.
     pub fn clear(&mut self) {
         self.pieces.clear();

@@ -397,6 +397,7 @@ fn received_channel(channel: &SimulatedChannel) -> ReceivedChannel {
         },
         scale: channel.scale,
         offset: channel.offset,
+        raw_zero: 0.0,
         unit: Some(channel.unit.to_owned()),
         sensor: Some(channel.sensor.clone()),
     }

@@ -1,5 +1,7 @@
 //! Smallest, mean and largest value of each minute of an hour, or of each hour of a day.
 
+use super::FeatureName;
+#[cfg(test)]
 use crate::units::Unit;
 use std::sync::Arc;
 
@@ -48,7 +50,7 @@ impl Cell {
 #[derive(Debug, Clone)]
 pub(super) struct Gathering {
     n_places: usize,
-    features: Vec<(Arc<str>, Unit)>,
+    features: Vec<FeatureName>,
     /// By feature, then by place.
     cells: Vec<Vec<Cell>>,
 }
@@ -58,7 +60,7 @@ impl Gathering {
         Self { n_places, features: Vec::new(), cells: Vec::new() }
     }
 
-    fn feature(&mut self, (name, unit): &(Arc<str>, Unit)) -> &mut [Cell] {
+    fn feature(&mut self, (name, unit): &FeatureName) -> &mut [Cell] {
         let known = self.features.iter().position(|(n, u)| n == name && u == unit);
         let at = known.unwrap_or_else(|| {
             self.features.push((Arc::clone(name), *unit));
@@ -69,7 +71,7 @@ impl Gathering {
     }
 
     /// Adds plain values at one place.
-    pub(super) fn add_values(&mut self, place: usize, feature: &(Arc<str>, Unit), values: &[f32]) {
+    pub(super) fn add_values(&mut self, place: usize, feature: &FeatureName, values: &[f32]) {
         if let Some(cell) = self.feature(feature).get_mut(place) {
             values.iter().filter(|value| !value.is_nan()).for_each(|v| cell.add(Cell::of(*v)));
         }
@@ -79,7 +81,7 @@ impl Gathering {
     pub(super) fn add_block(
         &mut self,
         place: usize,
-        features: &[(Arc<str>, Unit)],
+        features: &[FeatureName],
         columns: &[Vec<f32>],
     ) {
         for (feature, columns) in features.iter().zip(columns.chunks_exact(WIDTH)) {
@@ -93,7 +95,7 @@ impl Gathering {
     }
 
     /// Features and their columns, [`WIDTH`] each.
-    pub(super) fn finish(self) -> (Vec<(Arc<str>, Unit)>, Vec<Vec<f32>>) {
+    pub(super) fn finish(self) -> (Vec<FeatureName>, Vec<Vec<f32>>) {
         let columns = self.cells.iter().flat_map(|cells| {
             let written: Vec<[f32; WIDTH]> = cells.iter().map(|cell| cell.columns()).collect();
             (0..WIDTH).map(move |part| written.iter().map(|cell| cell[part]).collect())

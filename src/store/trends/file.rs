@@ -1,15 +1,17 @@
-//! One file of trends: a SQLite database with a write-ahead log, the same tables in every tier.
+//! One file of trends: rows by block and series, in every tier alike.
 //!
-//! `row` holds a block of one series (a channel, or in coarser tiers also a component) as a shuffled, deflated
-//! blob of f32, by `block << 24 | series`; `windows` the times and verdicts of a minute; `dirty` the
-//! blocks of the coarser tier that are older than what they are made of.
+//! A block of a series (a channel, or in coarser tiers also a component) is a shuffled, deflated blob of f32; the
+//! times and verdicts of a minute are one more row a stream.
 
 use super::super::StoreError;
 use super::super::rows::whole;
-use super::super::sqlite::failed;
+use super::FeatureName;
 use super::block::Gathering;
 use super::codec;
 use super::codec::Deflater;
+use super::open;
+use super::open::problem;
+use super::open::with_end;
 use super::period::Period;
 use super::windows;
 use crate::alarms::past::PastStream;
@@ -17,8 +19,6 @@ use crate::alarms::past::PastWindow;
 use crate::signal::Timestamp;
 use crate::units::Unit;
 use rusqlite::Connection;
-use rusqlite::ErrorCode;
-use rusqlite::OpenFlags;
 use rusqlite::OptionalExtension;
 use rusqlite::params;
 use std::cell::RefCell;
@@ -26,36 +26,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
-
-/// Marks a database as one of trends: "rott".
-const APPLICATION_ID: u32 = 0x726f_7474;
-
-/// The schema of this program.
-pub(super) const SCHEMA: u32 = 1;
-
-const TABLES: &str = "
-    CREATE TABLE stream (
-        id INTEGER PRIMARY KEY, machine TEXT NOT NULL, name TEXT NOT NULL, start_utc INTEGER,
-        begun_utc INTEGER NOT NULL, channels TEXT NOT NULL, UNIQUE (machine, name));
-    CREATE TABLE series (
-        id INTEGER PRIMARY KEY, stream INTEGER NOT NULL, kind TEXT NOT NULL, name TEXT NOT NULL,
-        UNIQUE (stream, kind, name));
-    CREATE TABLE layout (id INTEGER PRIMARY KEY, features TEXT NOT NULL UNIQUE);
-    CREATE TABLE row (
-        key INTEGER PRIMARY KEY, layout INTEGER NOT NULL, n INTEGER NOT NULL, data BLOB NOT NULL);
-    CREATE TABLE windows (key INTEGER PRIMARY KEY, data BLOB NOT NULL);
-    CREATE TABLE dirty (
-        block INTEGER NOT NULL, stream INTEGER NOT NULL, PRIMARY KEY (block, stream)) WITHOUT ROWID;";
 
 /// Bits of a key that number the series or the stream.
 const SERIES_BITS: u32 = 24;
 
-/// How long a connection waits for another.
-const BUSY: Duration = Duration::from_secs(5);
-
 /// Names and units of the features of a row.
-pub(super) type Layout = Arc<[(Arc<str>, Unit)]>;
+pub(super) type Layout = Arc<[FeatureName]>;
 
 /// A stream with its number in this file.
 pub(super) type Numbered = (i64, Arc<PastStream>);
@@ -84,44 +60,12 @@ pub(super) struct TrendFile {
 impl TrendFile {
     /// Opens the file for writing; makes it where it is missing.
     pub(super) fn writing(path: &Path, period: Period) -> Result<Self, StoreError> {
-        let opening = |source| problem(path, "opening a file of trends", source);
-        let connection = Connection::open(path).map_err(opening)?;
-        connection.busy_timeout(BUSY).map_err(opening)?;
-        let found = version(&connection, path)?;
-        let set = |name: &str, value: i64| connection.pragma_update(None, name, value);
-        if found == 0 {
-            set("page_size", 16_384).map_err(opening)?;
-        }
-        connection
-            .pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))
-            .map_err(opening)?;
-        connection.pragma_update(None, "synchronous", "NORMAL").map_err(opening)?;
-        // The log is returned to the file between two commits, not in one of them.
-        set("wal_autocheckpoint", 0).map_err(opening)?;
-        if found == 0 {
-            let begin = "BEGIN IMMEDIATE";
-            connection.execute_batch(&format!("{begin};{TABLES}")).map_err(opening)?;
-            set("user_version", i64::from(SCHEMA)).map_err(opening)?;
-            set("application_id", i64::from(APPLICATION_ID)).map_err(opening)?;
-            connection.execute_batch("COMMIT").map_err(opening)?;
-        }
-        Ok(Self::of(connection, path, period))
+        Ok(Self::of(open::writing(path)?, path, period))
     }
 
     /// Opens the file for reading; `None`: there is none yet.
     pub(super) fn reading(path: &Path, period: Period) -> Result<Option<Self>, StoreError> {
-        if !path.is_file() {
-            return Ok(None);
-        }
-        let opening = |source| problem(path, "opening a file of trends for reading", source);
-        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = Connection::open_with_flags(path, flags).map_err(opening)?;
-        connection.busy_timeout(BUSY).map_err(opening)?;
-        connection.pragma_update(None, "query_only", true).map_err(opening)?;
-        if version(&connection, path)? == 0 {
-            return Ok(None);
-        }
-        Ok(Some(Self::of(connection, path, period)))
+        Ok(open::reading(path)?.map(|connection| Self::of(connection, path, period)))
     }
 
     fn of(connection: Connection, path: &Path, period: Period) -> Self {
@@ -293,7 +237,7 @@ impl TrendFile {
         Ok(id)
     }
 
-    fn layout_id(&self, features: &[(Arc<str>, Unit)]) -> Result<i64, StoreError> {
+    fn layout_id(&self, features: &[FeatureName]) -> Result<i64, StoreError> {
         let text: String =
             features.iter().map(|(name, unit)| format!("{name}\t{}\n", unit.symbol())).collect();
         if let Some(id) = self.layout_ids.borrow().get(&text) {
@@ -340,7 +284,7 @@ impl TrendFile {
         &self,
         (block, stream): (i64, i64),
         name: (&str, &str),
-        (features, columns): (&[(Arc<str>, Unit)], &[Vec<f32>]),
+        (features, columns): (&[FeatureName], &[Vec<f32>]),
         deflater: &mut Deflater,
     ) -> Result<(), StoreError> {
         let key = key(block, self.series(stream, name)?);
@@ -418,6 +362,20 @@ impl TrendFile {
             windows::read(&data).ok_or_else(|| self.damaged("verdicts that cannot be read"))
         };
         data.map(read).transpose()
+    }
+
+    /// The newest windows of a stream.
+    pub(super) fn newest_windows(
+        &self,
+        stream: i64,
+    ) -> Result<Option<Vec<PastWindow>>, StoreError> {
+        let select = "SELECT key FROM windows WHERE key & ?1 = ?2 ORDER BY key DESC LIMIT 1";
+        let newest: Option<i64> = self
+            .connection
+            .query_row(select, params![(1_i64 << SERIES_BITS) - 1, stream], |row| row.get(0))
+            .optional()
+            .map_err(self.failed("reading verdicts"))?;
+        newest.map_or(Ok(None), |key| self.windows(key >> SERIES_BITS, stream))
     }
 
     /// Lowest and highest block that is held of any of these streams.
@@ -503,44 +461,6 @@ pub(super) fn gather(row: &Row, place: usize, width: usize, into: &mut Gathering
 
 fn key(block: i64, series: i64) -> i64 {
     (block << SERIES_BITS) | series
-}
-
-/// The schema of a file; 0: it is new. Refuses what is not ours, newer or damaged.
-fn version(connection: &Connection, path: &Path) -> Result<u32, StoreError> {
-    let reading = |source| problem(path, "checking a file of trends", source);
-    let number = |name: &str| {
-        connection.query_row(&format!("PRAGMA {name}"), (), |row| row.get::<_, u32>(0))
-    };
-    let n_tables: u32 = connection
-        .query_row("SELECT count(*) FROM sqlite_schema", (), |row| row.get(0))
-        .map_err(reading)?;
-    if n_tables == 0 {
-        return Ok(0);
-    }
-    if number("application_id").map_err(reading)? != APPLICATION_ID {
-        return Err(StoreError::Foreign { file: path.to_owned() });
-    }
-    let found = number("user_version").map_err(reading)?;
-    if found > SCHEMA {
-        return Err(StoreError::NewerTrends { file: path.to_owned(), found, known: SCHEMA });
-    }
-    Ok(found)
-}
-
-/// An error with the file it is about, if the file is what is wrong.
-fn problem(path: &Path, doing: &'static str, source: rusqlite::Error) -> StoreError {
-    let code = source.sqlite_error_code();
-    if matches!(code, Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)) {
-        return StoreError::DamagedTrends { file: path.to_owned(), found: source.to_string() };
-    }
-    failed(doing, source)
-}
-
-/// A path with something appended to its name.
-pub(super) fn with_end(path: &Path, end: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(end);
-    PathBuf::from(name)
 }
 
 /// Reads a unit's symbol.

@@ -116,10 +116,21 @@ impl Minute {
         new.len()
     }
 
+    /// Leaves the windows that are to be kept.
+    pub(super) fn retain(&mut self, is_kept: impl Fn(&PastWindow) -> bool) {
+        let kept = (0..self.windows.len()).filter(|place| is_kept(&self.windows[*place]));
+        let kept: Vec<usize> = kept.collect();
+        self.take(&kept);
+    }
+
     /// Lays windows and columns by rising end.
     fn sort(&mut self) {
         let mut order: Vec<usize> = (0..self.windows.len()).collect();
         order.sort_by(|a, b| self.windows[*a].time_s.total_cmp(&self.windows[*b].time_s));
+        self.take(&order);
+    }
+
+    fn take(&mut self, order: &[usize]) {
         self.windows = order.iter().map(|place| self.windows[*place].clone()).collect();
         for column in self.channels.iter_mut().flat_map(|channel| &mut channel.columns) {
             *column = order.iter().map(|place| column[*place]).collect();

@@ -11,6 +11,7 @@ mod block;
 mod windows;
 mod minute;
 mod period;
+mod open;
 mod file;
 mod roll;
 mod retention;
@@ -35,7 +36,12 @@ pub use table::Table;
 use super::StoreError;
 use crate::diagnosis::fault::ComponentKind;
 use crate::signal::Timestamp;
+use crate::units::Unit;
 use std::ops::ControlFlow;
+use std::sync::Arc;
+
+/// Name and unit of a feature.
+pub type FeatureName = (Arc<str>, Unit);
 
 /// What a trend is of.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -151,10 +157,12 @@ pub fn tier_for(
 ) -> Result<Tier, StoreError> {
     const DAY_NS: i64 = 86_400_000_000_000;
     let span_ns = to.0.saturating_sub(from.0);
-    let mut tier = match span_ns {
-        ..=DAY_NS => Tier::Windows,
-        ..=2_678_400_000_000_000 => Tier::Minutes,
-        _ => Tier::Hours,
+    let mut tier = if span_ns <= DAY_NS {
+        Tier::Windows
+    } else if span_ns <= 31 * DAY_NS {
+        Tier::Minutes
+    } else {
+        Tier::Hours
     };
     while let Some(coarser) = tier.coarser() {
         let Some((held_from, _)) = archive.span(machine, tier)? else { break };

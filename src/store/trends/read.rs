@@ -49,6 +49,9 @@ struct Reading<'a> {
     dirty: BTreeMap<(Tier, String), BTreeSet<i64>>,
 }
 
+/// Points of a block with their times, and the block.
+type Points = (Vec<(usize, f64)>, Row);
+
 /// What is read of a stream.
 struct Wanted<'a> {
     stream: &'a Arc<PastStream>,
@@ -69,23 +72,26 @@ impl SqliteTrendArchive {
 
     /// The periods of a tier that hold any of these blocks and have a file in it or in a finer tier.
     fn periods(&self, tier: Tier, blocks: (i64, i64)) -> BTreeSet<Period> {
-        let files = retention::files(&self.folder).into_iter();
-        let mine = files.filter(|(period, _)| period.tier <= tier);
-        let above = mine.map(|(period, _)| {
-            let mut block = period.blocks().start;
-            let mut at = period.tier;
-            while at < tier {
-                block = at.block_above(block);
-                at = at.coarser().unwrap_or(tier);
-            }
-            Period::of(tier, block)
-        });
         let overlaps = |period: &Period| {
             let held = period.blocks();
             held.start <= blocks.1 && blocks.0 < held.end
         };
-        above.filter(overlaps).collect()
+        lifted(&self.folder, tier).into_iter().filter(overlaps).collect()
     }
+}
+
+/// The periods of a tier that have a file in it, or in a finer tier that may not be made coarser yet.
+fn lifted(folder: &Path, tier: Tier) -> BTreeSet<Period> {
+    let files = retention::files(folder).into_iter().map(|(period, _)| period);
+    let lift = |period: Period| {
+        let (mut block, mut at) = (period.blocks().start, period.tier);
+        while at < tier {
+            block = at.block_above(block);
+            at = at.coarser().unwrap_or(tier);
+        }
+        Period::of(tier, block)
+    };
+    files.filter(|period| period.tier <= tier).map(lift).collect()
 }
 
 impl Reading<'_> {
@@ -149,14 +155,13 @@ impl Reading<'_> {
         Ok(streams)
     }
 
-    /// The files of the finer tier inside these periods.
+    /// The periods of the finer tier inside these.
     fn periods_below(&self, finer: Tier, periods: &BTreeSet<Period>) -> BTreeSet<Period> {
-        let files = retention::files(self.folder).into_iter().map(|(period, _)| period);
         let inside = |period: &Period| {
             let above = finer.block_above(period.blocks().start);
             periods.iter().any(|p| p.blocks().contains(&above))
         };
-        files.filter(|period| period.tier == finer).filter(inside).collect()
+        lifted(self.folder, finer).into_iter().filter(inside).collect()
     }
 
     /// Notes which blocks of `tier` and the tiers below are older than what they are made of.
@@ -278,7 +283,7 @@ fn number(file: &TrendFile, stream: &PastStream) -> Result<Option<i64>, StoreErr
 
 /// The verdicts on a component as columns.
 fn verdicts(windows: &[PastWindow], (kind, id): (&str, &str)) -> Row {
-    let mut columns = vec![Vec::with_capacity(windows.len()); 3];
+    let mut columns = vec![Vec::new(); 3];
     for window in windows {
         let is_it = |v: &&crate::alarms::past::PastVerdict| v.kind.name() == kind && v.id == id;
         let found = window.verdicts.iter().find(is_it).map(roll::numbers);
@@ -292,7 +297,7 @@ fn verdicts(windows: &[PastWindow], (kind, id): (&str, &str)) -> Row {
 
 /// Seconds from an origin.
 fn since(at: Timestamp, origin: Option<Timestamp>) -> f64 {
-    at.0.saturating_sub(origin.unwrap_or_default().0) as f64 * 1e-9
+    at.0.saturating_sub(origin.unwrap_or_default().0) as f64 / 1e9
 }
 
 impl TrendArchive for SqliteTrendArchive {
@@ -370,6 +375,10 @@ impl TrendArchive for SqliteTrendArchive {
             let here = reading.with(period, |file| {
                 let mut subjects = Vec::new();
                 for (id, _) in file.streams(machine)? {
+                    // Of components windows have no series, only verdicts.
+                    let newest = file.newest_windows(id)?.unwrap_or_default();
+                    let verdicts = newest.iter().flat_map(|window| &window.verdicts);
+                    subjects.extend(verdicts.map(|v| Subject::Component(v.kind, v.id.clone())));
                     for (_, (kind, name)) in file.series_of(id)? {
                         let kind = names::component_kind(&kind);
                         subjects.push(match kind {
@@ -417,18 +426,24 @@ fn points(
     query: &TrendQuery,
     block: i64,
     wanted: &Wanted<'_>,
-) -> Result<Option<(Vec<(usize, f64)>, Row)>, StoreError> {
+) -> Result<Option<Points>, StoreError> {
     let tier = query.tier;
-    let (row, times): (Row, Vec<Timestamp>) = if let Some(step_s) = tier.step_s() {
+    let (row, times): (Row, Vec<(Timestamp, f64)>) = if let Some(step_s) = tier.step_s() {
         let Some(row) = reading.coarse(tier, block, wanted)? else { return Ok(None) };
         let first_s = block.saturating_mul(tier.block_s());
         let places = (0_i64..).take(tier.places());
-        let at = |place: i64| Timestamp((first_s + place * step_s).saturating_mul(1_000_000_000));
+        let at = |place: i64| {
+            let at = Timestamp((first_s + place * step_s).saturating_mul(1_000_000_000));
+            (at, since(at, query.origin))
+        };
         (row, places.map(at).collect())
     } else {
         let Some((windows, row)) = reading.fine(block, wanted)? else { return Ok(None) };
-        let times = windows.iter().map(|window| wanted.stream.utc(window.time_s)).collect();
-        (row, times)
+        // Of the same stream the time is that of the stream, to the last digit.
+        let start = wanted.stream.start.unwrap_or_default();
+        let shift_s = since(start, query.origin);
+        let at = |window: &PastWindow| (wanted.stream.utc(window.time_s), window.time_s + shift_s);
+        (row, windows.iter().map(at).collect())
     };
     // A minute or hour belongs to the span that it reaches into.
     let length = tier.step_s().map_or(1, |step_s| step_s * 1_000_000_000);
@@ -439,8 +454,8 @@ fn points(
     let places: Vec<(usize, f64)> = times
         .iter()
         .enumerate()
-        .filter(|(place, at)| is_inside(**at) && is_known(*place))
-        .map(|(place, at)| (place, since(*at, query.origin)))
+        .filter(|(place, (at, _))| is_inside(*at) && is_known(*place))
+        .map(|(place, (_, time_s))| (place, *time_s))
         .collect();
     Ok((!places.is_empty()).then_some((places, row)))
 }

@@ -1,6 +1,6 @@
 //! What is kept for how long, what it will take, and which files go.
 
-use super::file::with_end;
+use super::open::with_end;
 use super::period::Period;
 use super::period::Tier;
 use crate::signal::Timestamp;
@@ -171,7 +171,7 @@ pub(super) fn too_many(
             (at, period, path, bytes)
         })
         .collect();
-    all.sort_by(|a, b| (a.1.tier, a.0, a.1).cmp(&(b.1.tier, b.0, b.1)));
+    all.sort_by_key(|file| (file.1.tier, file.0, file.1));
     let newest: Vec<PathBuf> = Tier::ALL
         .iter()
         .filter_map(|tier| all.iter().rfind(|file| file.1.tier == *tier))

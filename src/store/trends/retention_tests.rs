@@ -1,5 +1,8 @@
 //! What is too old or too much goes file by file, and nothing else.
 
+#![expect(clippy::cast_possible_truncation, reason = "test values are small")]
+#![expect(clippy::float_cmp, reason = "counts are exact")]
+
 use super::retention::files;
 use super::tests::START;
 use super::tests::every_5_s;

@@ -10,7 +10,7 @@ use super::Tier;
 use super::TrendStore;
 use super::codec::Deflater;
 use super::file::TrendFile;
-use super::file::with_end;
+use super::open::with_end;
 use super::period::Period;
 use super::retention;
 use super::retention::Holdings;
@@ -282,13 +282,24 @@ fn replace_older(
             continue;
         }
         let Some(held) = file.windows(minute.minute, id)? else { continue };
-        let overlaps = utc_span(&old, &held).is_some_and(|old| old.0 <= span.1 && span.0 <= old.1);
-        if !overlaps {
+        let is_kept = |window: &PastWindow| {
+            let at = old.utc(window.time_s);
+            at < span.0 || at > span.1
+        };
+        if held.iter().all(is_kept) {
             continue;
         }
-        file.put_windows((minute.minute, id), &[], deflater)?;
-        for (_, (kind, name)) in file.series_of(id)? {
-            file.put((minute.minute, id), (&kind, &name), (&[], &[]), deflater)?;
+        let mut rest = read_minute(file, (minute.minute, id), &old)?;
+        rest.retain(is_kept);
+        file.put_windows((minute.minute, id), &rest.windows, deflater)?;
+        for (channel, name) in old.channels.iter().enumerate() {
+            let left = rest.channels.iter().find(|left| left.channel == channel);
+            let left = left.filter(|_| !rest.windows.is_empty());
+            let (features, columns) =
+                left.map_or((&[][..], &[][..]), |l| (&l.features[..], &l.columns[..]));
+            if left.is_some() || file.find_series(id, ("", name))?.is_some() {
+                file.put((minute.minute, id), ("", name), (features, columns), deflater)?;
+            }
         }
         file.mark(Tier::Windows.block_above(minute.minute), id, true)?;
     }

@@ -1,5 +1,6 @@
 //! A trend as it is read: times, and columns as long as they.
 
+use super::FeatureName;
 use super::block::WIDTH;
 use crate::units::Unit;
 use std::sync::Arc;
@@ -71,7 +72,7 @@ impl Table {
     pub(super) fn append(
         &mut self,
         places: &[(usize, f64)],
-        (layout, columns): (&[(Arc<str>, Unit)], &[Vec<f32>]),
+        (layout, columns): (&[FeatureName], &[Vec<f32>]),
         width: usize,
         wanted: Option<&[String]>,
     ) {

@@ -1,0 +1,121 @@
+//! What is kept under the store's folder, opened before any thread starts.
+
+use super::baselines;
+use super::build::configuration_hash;
+use super::captures;
+use super::captures::Capturer;
+use super::captures::Captures;
+use super::capturing::Capturing;
+use super::keeper::Keeper;
+use super::keeper::KeeperPlan;
+use super::notify;
+use super::notify::NotifyPlan;
+use super::recording;
+use super::start_error::StartError;
+use super::trending;
+use super::trending::TrendKeeper;
+use super::trending::TrendPlan;
+use crate::api::view::BaselineHandle;
+use crate::api::view::EventsHandle;
+use crate::api::view::TrendHandle;
+use crate::capture::recording::store::Store as Recordings;
+use crate::capture::writer::CaptureHeader;
+use crate::causes::with_causes;
+use crate::config::Config;
+use crate::config::MachineConfig;
+use crate::evidence::kept::Judged;
+use crate::ingest::replay::StreamInfo;
+use crate::pipeline::Settings;
+use crate::pipeline::SpeedHints;
+use crate::store::ConfigurationEntry;
+use crate::store::StateStore;
+use crate::store::sqlite;
+use crate::telemetry::Metrics;
+use std::fs;
+use std::sync::Arc;
+use std::sync::Mutex;
+
+/// All stores; their threads end when the ways to them are dropped.
+#[derive(Debug)]
+pub(super) struct Stores {
+    pub(super) keeper: Keeper,
+    pub(super) keeping: KeeperPlan,
+    pub(super) baselines: BaselineHandle,
+    pub(super) events: EventsHandle,
+    pub(super) notify: NotifyPlan,
+    pub(super) recordings: Option<Arc<Mutex<Recordings>>>,
+    pub(super) trend_keeper: TrendKeeper,
+    pub(super) trending: TrendPlan,
+    pub(super) trends: TrendHandle,
+    pub(super) captures: Option<Captures>,
+}
+
+impl Stores {
+    /// Opens them for the streams there are.
+    ///
+    /// # Errors
+    /// When one cannot be used or is too small.
+    pub(super) fn open(
+        config: &Config,
+        streams: &[&StreamInfo],
+        metrics: &Metrics,
+    ) -> Result<Self, StartError> {
+        let (keeper, keeping) = open_keeper(config, metrics)?;
+        let baselines = baselines::handle(config)?;
+        let (events, notify) = notify::plan(config, &keeper, metrics)?;
+        let recordings = recording::open_store(config);
+        let n_channels = streams.iter().map(|stream| stream.channels.len()).sum();
+        let (trend_keeper, trending, trends) =
+            trending::open(config, n_channels, metrics, recordings.clone())?;
+        let waiting = streams.iter().map(|info| captures::waiting_bytes(config, &info.received));
+        let captures = captures::open(config, waiting.sum(), metrics.captures())?;
+        Ok(Self {
+            keeper,
+            keeping,
+            baselines,
+            events,
+            notify,
+            recordings,
+            trend_keeper,
+            trending,
+            trends,
+            captures,
+        })
+    }
+}
+
+/// Opens the store and notes the configuration in it.
+fn open_keeper(config: &Config, metrics: &Metrics) -> Result<(Keeper, KeeperPlan), StartError> {
+    let (mut store, archive) = sqlite::open(&config.store.directory)?;
+    let entry = ConfigurationEntry {
+        hash: configuration_hash(config),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        since: super::wall_clock(),
+    };
+    // A disk that is full now may have room later: alarms are raised all the same.
+    if let Err(error) = store.note_configuration(&entry) {
+        tracing::error!(error = with_causes(&error), "the configuration's hash is not stored");
+    }
+    Ok(Keeper::new(Box::new(store), Arc::new(archive), metrics.store()))
+}
+
+/// What a machine's captures need; `None`: none are made.
+pub(super) fn capturing(
+    config: &Config,
+    entry: &MachineConfig,
+    info: &StreamInfo,
+    capturer: Capturer,
+) -> Option<Capturing> {
+    let header = CaptureHeader {
+        start_time: info.start_time,
+        machine: fs::read_to_string(&entry.file).ok(),
+        shaft_speed: info.shaft_speed,
+    };
+    let judged = Judged {
+        received: info.received.clone(),
+        channels: info.channels.clone(),
+        hints: SpeedHints { option: None, capture: info.shaft_speed },
+        settings: Settings { load: info.load, ..config.monitor.clone() },
+    };
+    Some(Capturing::new(&entry.machine.id, config.captures?, capturer, header, judged))
+}
