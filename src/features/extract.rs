@@ -124,7 +124,7 @@ impl Extractor {
         let gears = gear::read(&machine, &self.channels, &speed, &inputs, self.plans.wide_tables());
         for reading in &gears {
             if let Some(trace) = traces.iter_mut().find(|t| t.channel == reading.channel) {
-                trace.features.extend(gear_features(&machine, reading, &self.channels));
+                trace.features.extend(gear::features(&machine, reading, &self.channels));
             }
         }
         let mut channels: Vec<ChannelFeatures> = traces
@@ -452,44 +452,6 @@ fn quantity(kind: SensorKind) -> Option<Quantity> {
         | SensorKind::Temperature
         | SensorKind::Process => None,
     }
-}
-
-/// What a baseline keeps of a gear's average.
-fn gear_features(
-    machine: &Machine,
-    reading: &gear::GearReading,
-    channels: &[ChannelInfo],
-) -> Vec<Feature> {
-    let gear = &machine.gear(reading.gear).id;
-    let shaft = &machine.shaft(reading.shaft).id;
-    let unit = channels[reading.channel.0].unit;
-    let name = gear::local_name(reading.part, gear, shaft);
-    let mut features =
-        vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
-    features.extend(reading.shape.map(|shape| Feature {
-        name: Arc::from(gear::shape_name(reading.part, gear, shaft)),
-        value: shape.deviation,
-        unit,
-    }));
-    if reading.part != gear::Part::Whole {
-        return features;
-    }
-    // An angle that drifts blurs high orders: their amplitudes do not compare.
-    if reading.is_followed {
-        features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
-            name: Arc::from(gear::mesh_name(h, gear, shaft)),
-            value,
-            unit,
-        }));
-    }
-    if let Some(value) = reading.figures.fm4 {
-        features.push(Feature {
-            name: Arc::from(format!("fm4_{gear}_{shaft}")),
-            value,
-            unit: Unit::One,
-        });
-    }
-    features
 }
 
 fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Input<'a>> {

@@ -4,6 +4,7 @@
 //! single axis tells a damaged tooth from a bow, which the mesh side bands do not (docs/theory.md,
 //! F10).
 
+use super::Feature;
 use super::speed::Speed;
 use crate::dsp::demodulate::MeshDemodPlan;
 use crate::dsp::fft::FftCache;
@@ -20,6 +21,8 @@ use crate::machine::Machine;
 use crate::machine::ShaftIndex;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
+use crate::units::Unit;
+use std::sync::Arc;
 
 /// A channel offered to the averages.
 #[derive(Debug, Clone, Copy)]
@@ -143,6 +146,45 @@ pub fn shape_name(part: Part, gear: &str, shaft: &str) -> String {
 #[must_use]
 pub fn mesh_name(h: usize, gear: &str, shaft: &str) -> String {
     format!("tsa_mesh_{h}_{gear}_{shaft}")
+}
+
+/// What a baseline keeps of a gear's average.
+#[must_use]
+pub fn features(
+    machine: &Machine,
+    reading: &GearReading,
+    channels: &[ChannelInfo],
+) -> Vec<Feature> {
+    let gear = &machine.gear(reading.gear).id;
+    let shaft = &machine.shaft(reading.shaft).id;
+    let unit = channels[reading.channel.0].unit;
+    let name = local_name(reading.part, gear, shaft);
+    let mut features =
+        vec![Feature { name: Arc::from(name), value: reading.local_amplitude, unit }];
+    features.extend(reading.shape.map(|shape| Feature {
+        name: Arc::from(shape_name(reading.part, gear, shaft)),
+        value: shape.deviation,
+        unit,
+    }));
+    if reading.part != Part::Whole {
+        return features;
+    }
+    // An angle that drifts blurs high orders: their amplitudes do not compare.
+    if reading.is_followed {
+        features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
+            name: Arc::from(mesh_name(h, gear, shaft)),
+            value,
+            unit,
+        }));
+    }
+    if let Some(value) = reading.figures.fm4 {
+        features.push(Feature {
+            name: Arc::from(format!("fm4_{gear}_{shaft}")),
+            value,
+            unit: Unit::One,
+        });
+    }
+    features
 }
 
 /// Averages every gear in every channel offered.
@@ -329,7 +371,6 @@ mod tests {
     use crate::features::speed::SpeedSource;
     use crate::machine::file;
     use crate::units::Hz;
-    use crate::units::Unit;
     use std::f64::consts::TAU;
 
     const RIG: &str = "[machine]\nid = \"rig\"\nname = \"rig\"\n\
