@@ -53,7 +53,7 @@ pub struct Holdings {
 /// Features of a channel assumed until some are stored.
 const ASSUMED_FEATURES: f64 = 64.0;
 
-/// Bytes of a stored value: measured on noise, the worst there is (docs/performance.md).
+/// Bytes of a stored value with what is made coarser of it: measured on noise, the worst there is (docs/performance.md).
 const BYTES_PER_VALUE: f64 = 3.6;
 
 /// Bytes that verdicts, keys and pages add to a window.
