@@ -7,7 +7,7 @@ const MAX_LIST: usize = 1 << 20;
 /// Numbers and words in the order in which they were written.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tape {
-    /// The numbers, also those of [`Tape::count`] and [`Tape::flag`].
+    /// The numbers, also those of [`Tape::write_count`] and [`Tape::write_flag`].
     pub numbers: Vec<f64>,
     /// The words.
     pub words: Vec<String>,

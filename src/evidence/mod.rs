@@ -1,7 +1,7 @@
 //! The evidence of an alarm: the windows it rests on with everything that is needed to judge them again, in one
 //! capture.
 //!
-//! [`kept`] is what a capture keeps beside its channels, [`list`] its lists in the file, [`again`] judges the windows
+//! [`kept`] is what a capture keeps beside its channels, `list` its lists in the file, [`again`] judges the windows
 //! again from samples and settings alone and only then holds the outcome against what was kept. Must not know alarms'
 //! lives, threads or the clock.
 
