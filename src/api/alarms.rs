@@ -5,7 +5,7 @@
 
 use super::captures;
 use super::error::ApiError;
-use super::extract::{Path, Query, in_range};
+use super::extract::{Path, Query, cut_page, in_range};
 use super::state::{ApiState, newest};
 use super::view::{AlarmHistory, MachineHandle, ShardRequest};
 use super::wire::alarms::{
@@ -83,8 +83,7 @@ pub(super) async fn list(
                 .map(|alarm| (alarm.id, AlarmWire::new(id, alarm, view.start_time))),
         );
     }
-    let next = (items.len() > limit).then(|| items[limit - 1].1.id.clone());
-    items.truncate(limit);
+    let next = cut_page(&mut items, limit, |(_, item)| item.id.clone());
     let mut items: Vec<AlarmWire> = items.into_iter().map(|(_, item)| item).collect();
     captures::link(&state, &mut items.iter_mut().collect::<Vec<_>>()).await?;
     Ok(Json(AlarmListWire { items, next }))
@@ -150,9 +149,7 @@ pub(super) async fn history(
         dropped = dropped.saturating_add(gone);
         items.extend(events.iter().map(|event| AlarmEventWire::new(id, event, start)));
     }
-    let next = (items.len() > limit)
-        .then(|| alarm_id(&items[limit - 1].alarm.machine, items[limit - 1].sequence));
-    items.truncate(limit);
+    let next = cut_page(&mut items, limit, |item| alarm_id(&item.alarm.machine, item.sequence));
     Ok(Json(AlarmHistoryWire { items, next, dropped }))
 }
 

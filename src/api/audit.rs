@@ -3,7 +3,7 @@
 use super::alarms::since;
 use super::error::ApiError;
 use super::events::read;
-use super::extract::{Query, in_range};
+use super::extract::{Query, cut_page, in_range};
 use super::state::ApiState;
 use super::view::EventsHandle;
 use super::wire::audit::{AuditItemWire, AuditListWire, ConfigurationListWire, ConfigurationWire};
@@ -75,8 +75,7 @@ pub(super) async fn list(
     };
     let audit = Arc::clone(&events(&state)?.audit);
     let mut found = read(&audit, move |audit| audit.audit(&wanted)).await?;
-    let next = (found.len() > limit).then(|| found[limit - 1].number.to_string());
-    found.truncate(limit);
+    let next = cut_page(&mut found, limit, |item| item.number.to_string());
     Ok(Json(AuditListWire { items: found.iter().map(AuditItemWire::new).collect(), next }))
 }
 
@@ -101,8 +100,7 @@ pub(super) async fn configurations(
     let before = cursor(query.after.as_deref())?;
     let audit = Arc::clone(&events(&state)?.audit);
     let mut found = read(&audit, move |audit| audit.configurations(before, limit + 1)).await?;
-    let next = (found.len() > limit).then(|| found[limit - 1].0.to_string());
-    found.truncate(limit);
+    let next = cut_page(&mut found, limit, |(number, _)| number.to_string());
     let items = found.iter().map(|(_, entry)| ConfigurationWire::new(entry)).collect();
     Ok(Json(ConfigurationListWire { items, next }))
 }

@@ -1,7 +1,7 @@
 //! Captures: list, download, ask for one; and which capture an alarm has.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query, in_range};
+use super::extract::{Body, Path, Query, cut_page, in_range};
 use super::state::ApiState;
 use super::view::{CaptureHandle, ShardRequest};
 use super::wire::alarms::{AlarmWire, parse_alarm_id};
@@ -88,8 +88,7 @@ pub(super) async fn list(
     let after = query.after;
     let wanted = CaptureQuery { machine, alarm, after, limit: limit + 1 };
     let mut found = on_index(&state, move |index| index.list(&wanted)).await?;
-    let next = (found.len() > limit).then(|| found[limit - 1].id.clone());
-    found.truncate(limit);
+    let next = cut_page(&mut found, limit, |item| item.id.clone());
     Ok(Json(CaptureListWire { items: found.iter().map(CaptureWire::new).collect(), next }))
 }
 

@@ -37,3 +37,15 @@ pub(super) fn in_range<T: PartialOrd + std::fmt::Display>(
         Err(ApiError::Invalid(format!("{name} is {value}, allowed are {min} to {max}")))
     }
 }
+
+/// Cuts what was found, one more than `limit` where there is more, down to a page; gives the name behind which the
+/// next page begins, none at the end.
+pub(super) fn cut_page<T>(
+    found: &mut Vec<T>,
+    limit: usize,
+    name: impl FnOnce(&T) -> String,
+) -> Option<String> {
+    let next = found.get(limit).and_then(|_| found.get(limit.checked_sub(1)?)).map(name);
+    found.truncate(limit);
+    next
+}

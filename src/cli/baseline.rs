@@ -2,7 +2,6 @@
 //!
 //! Writes into the store of the configuration. A daemon that runs takes it up within a second or two.
 
-use super::EXIT_ERROR;
 use super::input;
 use super::input::InputError;
 use super::progress::Progress;
@@ -206,10 +205,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     };
     match done {
         Ok(text) => super::print(text.as_bytes()),
-        Err(BaselineError::Configuration(mistakes)) => {
-            super::tell_lines(&mistakes);
-            ExitCode::from(EXIT_ERROR)
-        }
+        Err(BaselineError::Configuration(mistakes)) => super::fail_lines(&mistakes),
         Err(error) => super::fail(&error),
     }
 }

@@ -194,10 +194,7 @@ fn probability(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &Arguments) -> ExitCode {
     match diagnose_all(arguments) {
         Ok(tally) => tally.exit_code(),
-        Err(DiagnoseError::Input(InputError::Mistakes(mistakes))) => {
-            super::tell_lines(&mistakes);
-            ExitCode::from(EXIT_ERROR)
-        }
+        Err(DiagnoseError::Input(InputError::Mistakes(mistakes))) => super::fail_lines(&mistakes),
         Err(error) => super::fail(&error),
     }
 }

@@ -2,7 +2,6 @@
 //!
 //! Reads the store of a configuration, beside its daemon or without. CSV is in long form, one value a line.
 
-use super::EXIT_ERROR;
 use super::baseline::NoSuchMachine;
 use super::output::Output;
 use super::output::OutputError;
@@ -146,10 +145,7 @@ enum ExportError {
 pub fn run(arguments: &Arguments) -> ExitCode {
     match export(arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(ExportError::Configuration(mistakes)) => {
-            super::tell_lines(&mistakes);
-            ExitCode::from(EXIT_ERROR)
-        }
+        Err(ExportError::Configuration(mistakes)) => super::fail_lines(&mistakes),
         Err(error) => super::fail(&error),
     }
 }

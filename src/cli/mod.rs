@@ -177,6 +177,13 @@ pub fn tell_lines(mistakes: &dyn Error) {
     let _no_stderr = writeln!(io::stderr(), "{mistakes}");
 }
 
+/// Tells a list of mistakes on stderr and gives the exit code for it.
+#[must_use]
+pub fn fail_lines(mistakes: &dyn Error) -> ExitCode {
+    tell_lines(mistakes);
+    ExitCode::from(EXIT_ERROR)
+}
+
 /// Largest number an option takes, Hz: ten times the fastest machines.
 const MAX_HZ: f64 = 10_000.0;
 

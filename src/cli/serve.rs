@@ -1,6 +1,5 @@
 //! `rotorwatch serve`: the daemon.
 
-use super::EXIT_ERROR;
 use crate::app;
 use crate::config;
 use clap::Args;
@@ -42,10 +41,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn serve(file: &Path) -> ExitCode {
     let config = match config::load(file) {
         Ok(config) => config,
-        Err(errors) => {
-            super::tell_lines(&errors);
-            return ExitCode::from(EXIT_ERROR);
-        }
+        Err(errors) => return super::fail_lines(&errors),
     };
     match app::run(&config, &mut io::stdout()) {
         Ok(()) => ExitCode::SUCCESS,

@@ -107,15 +107,10 @@ pub(super) enum SimulateError {
 pub fn run(arguments: &Arguments) -> ExitCode {
     match simulate(arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(SimulateError::Scene(mistakes)) => told(&mistakes),
-        Err(SimulateError::Machine(mistakes)) => told(&mistakes),
+        Err(SimulateError::Scene(mistakes)) => super::fail_lines(&mistakes),
+        Err(SimulateError::Machine(mistakes)) => super::fail_lines(&mistakes),
         Err(error) => super::fail(&error),
     }
-}
-
-fn told(mistakes: &dyn std::error::Error) -> ExitCode {
-    super::tell_lines(mistakes);
-    ExitCode::from(super::EXIT_ERROR)
 }
 
 fn simulate(arguments: &Arguments) -> Result<(), SimulateError> {

@@ -3,6 +3,7 @@
 //! One [`Monitor`] a machine, used alike by the daemon's shards and by offline `diagnose`. Pure:
 //! time is stream time, samples come in as arguments.
 
+mod copied;
 mod trail;
 mod windows;
 
@@ -22,7 +23,6 @@ use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
-use crate::features::ChannelWindow;
 use crate::features::Extractor;
 use crate::features::Window;
 pub use crate::features::plans::Plans;
@@ -34,6 +34,7 @@ use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
 use crate::units::Hz;
+use copied::Copied;
 use std::sync::Arc;
 use trail::Trail;
 pub use trail::{Carried, Passed, Run};
@@ -312,8 +313,9 @@ impl Monitor {
     /// Copies a window out of the rings, measures and judges it.
     fn judge(&mut self, time_s: (f64, f64)) -> Outcome {
         self.make_provisional();
-        let copies: Vec<Option<Copied>> =
-            (0..self.rings.len()).map(|c| self.copy_window(c, time_s)).collect();
+        let copies: Vec<Option<Copied>> = (self.rings.iter().zip(&self.channels))
+            .map(|(ring, info)| Copied::of(ring, info.sample_rate, self.segment, time_s))
+            .collect();
         let channels = copies.iter().map(|c| c.as_ref().map(Copied::window)).collect();
         let window = Window { time_s, channels };
         let before = self.trail.is_kept().then(|| self.carried());
@@ -378,48 +380,6 @@ impl Monitor {
         };
         self.learn_provisional((features.speed.first, features.channels));
         outcome
-    }
-
-    /// Copies the contiguous samples of a channel in a window: all of it, or the longest half.
-    fn copy_window(&self, channel: usize, (start_s, end_s): (f64, f64)) -> Option<Copied> {
-        let ring = &self.rings[channel];
-        let rate = self.channels[channel].sample_rate.0;
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "float to int casts saturate"
-        )]
-        let wanted = (((end_s - start_s) * rate).round() as usize).max(1);
-        // Half a sample of slack against the rounding of index/rate.
-        let end = ring.end_at(end_s + 0.25 / rate)?;
-        let last = SampleIndex(end.0.checked_sub(1)?);
-        if ring.segment_of(last) != self.segment {
-            return None;
-        }
-        // A channel that ended early holds older samples: those before the window do not count.
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "float to int casts saturate"
-        )]
-        let held = ((ring.time_of(last)? - start_s) * rate + 1.25).max(0.0) as usize;
-        let held = held.min(wanted);
-        let floor = end.0.saturating_sub(held as u64);
-        let (mut start, mut n) = ring.contiguous_before(end, held);
-        if 2 * n < wanted && start.0 > floor {
-            let before = ring.newest_before(start).unwrap_or(start);
-            let room = usize::try_from(before.0.saturating_sub(floor)).unwrap_or(0);
-            let earlier = ring.contiguous_before(before, room);
-            if earlier.1 > n {
-                (start, n) = earlier;
-            }
-        }
-        if n == 0 || 2 * n < wanted {
-            return None;
-        }
-        let time_s = ring.time_of(start)?;
-        let mut samples = vec![0.0_f32; n];
-        ring.copy(start, &mut samples).then_some(Copied { start: start.0, time_s, samples })
     }
 
     /// Collects the windows of the first segments; a provisional baseline is made of them when the
@@ -487,19 +447,6 @@ impl Monitor {
             diagnosis.provisional_baseline = Some(format!("the first {n} windows of this record"));
             diagnosis.baselines.clear();
         }
-    }
-}
-
-/// The samples of one channel in a window.
-struct Copied {
-    start: u64,
-    time_s: f64,
-    samples: Vec<f32>,
-}
-
-impl Copied {
-    fn window(&self) -> ChannelWindow<'_> {
-        ChannelWindow { start: self.start, time_s: self.time_s, samples: &self.samples }
     }
 }
 

@@ -4,32 +4,18 @@
 //! is visible in the order segments, samples, checksums: a reader never finds a sample without its
 //! time, nor a checksum without its samples.
 
-use super::super::attachment::{self, Attachment};
-use super::super::checksums;
+use super::super::attachment::Attachment;
 use super::super::error::{CaptureError, LibraryError};
-use super::super::hdf5::{ElementType, RecordingFile};
-use super::super::integrity::{ChannelFacts, Statement};
-use super::super::layout::{FORMAT, VERSION};
+use super::super::hdf5::RecordingFile;
 use super::super::received::{Received, ReceivedChannel};
 use super::super::segments::Segments;
 use super::super::writer::CaptureHeader;
 use super::column::{Column, little_endian};
+use super::declare::{Channel, Columns, start};
 use crate::units::Hz;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Samples of a chunk at least: slower channels would need too many chunks.
-const CHUNK_SAMPLES_MIN: u64 = 1024;
-
-/// Bytes of one chunk of all channels together at most: half of what the reader accepts.
-const CHUNK_BYTES_MAX: u64 = 32 << 20;
-
-/// Rows of a chunk of the segment lists.
-const SEGMENT_CHUNK: u64 = 64;
-
-/// Rows of a chunk of the checksums.
-const CHECKSUM_CHUNK: u64 = 256;
 
 /// Chunks or segments of one file at most: below what the reader accepts.
 const ROWS_MAX: u64 = 900_000;
@@ -41,7 +27,7 @@ pub struct RecordingHeader {
     pub capture: CaptureHeader,
     /// Hash of the daemon's configuration.
     pub configuration: Option<String>,
-    /// What the file keeps beside its channels, in the group [`attachment::GROUP`].
+    /// What the file keeps beside its channels, in the group [`GROUP`](super::super::attachment::GROUP).
     pub evidence: Vec<Attachment>,
 }
 
@@ -70,17 +56,6 @@ pub struct Recorder {
     times_s: Column,
     /// Start, in samples of the fastest channel, and time of the newest segment.
     newest: Option<(u64, f64)>,
-}
-
-/// One channel of the file.
-struct Channel {
-    name: String,
-    rate: Hz,
-    kind: super::super::received::NumberType,
-    /// Index in the stream of the file's first sample; `None`: has no part in this file.
-    base: Option<u64>,
-    samples: Column,
-    checksums: Column,
 }
 
 impl std::fmt::Debug for Recorder {
@@ -134,7 +109,7 @@ impl Recorder {
             CaptureError::Write { file: path.into(), object: "the file".into(), source }
         })?;
         let lock = File::open(&temporary).ok().filter(|lock| lock.try_lock_shared().is_ok());
-        let reference_rate = channels.iter().map(|c| c.sample_rate).fold(Hz(0.0), Columns::faster);
+        let reference_rate = channels.iter().map(|c| c.sample_rate).fold(Hz(0.0), faster);
         let Columns { starts, times_s, channels } = columns;
         let (path, temporary) = (path.to_owned(), Unnamed(Some(temporary)));
         let newest = None;
@@ -361,155 +336,6 @@ impl Drop for Unnamed {
     }
 }
 
-/// The data sets of a file.
-struct Columns {
-    starts: Column,
-    times_s: Column,
-    channels: Vec<Channel>,
-}
-
-impl Columns {
-    fn faster(a: Hz, b: Hz) -> Hz {
-        if b > a { b } else { a }
-    }
-}
-
-/// Declares everything and opens the file to readers.
-fn start(
-    path: &Path,
-    header: &RecordingHeader,
-    start_time: Option<&str>,
-    channels: &[ReceivedChannel],
-    gzip: Option<u32>,
-) -> Result<(RecordingFile, Columns), LibraryError> {
-    let mut file = RecordingFile::create(path)?;
-    file.text("format", FORMAT)?;
-    file.number("version", i64::from(VERSION))?;
-    file.number("recording", 1_i64)?;
-    let texts = [
-        ("start_time", start_time),
-        ("machine", header.capture.machine.as_deref()),
-        ("configuration", header.configuration.as_deref()),
-    ];
-    for (name, text) in texts {
-        text.map_or(Ok(()), |text| file.text(name, text))?;
-    }
-    if let Some(speed) = header.capture.shaft_speed {
-        file.number("shaft_speed_hz", speed.0)?;
-    }
-    file.number(checksums::STATEMENT, i64::from(statement(&header.capture, channels)))?;
-    // Readers see new rows in this order: no sample before its segment, no checksum before either.
-    for group in ["segments", "channels", "checksums"] {
-        file.group(group)?;
-    }
-    let mut rows = |name, element: ElementType| {
-        let dataset = file.column("segments", name, element, SEGMENT_CHUNK, None)?;
-        Ok::<_, LibraryError>(Column::new(dataset, element.bytes(), SEGMENT_CHUNK, false))
-    };
-    let starts = rows("start_sample", ElementType::I64)?;
-    let times_s = rows("time_s", ElementType::F64)?;
-    let samples: Vec<Column> = channels
-        .iter()
-        .map(|channel| samples_column(&mut file, channel, channels.len(), gzip))
-        .collect::<Result<_, _>>()?;
-    let channels = channels
-        .iter()
-        .zip(samples)
-        .map(|(channel, samples)| {
-            let checksums = checksum_column(&mut file, channel, samples.chunk())?;
-            let (name, rate, kind) =
-                (channel.name.clone(), channel.sample_rate, channel.number_type);
-            Ok(Channel { name, rate, kind, base: None, samples, checksums })
-        })
-        .collect::<Result<_, LibraryError>>()?;
-    let kept = attachments(&mut file, &header.evidence)?;
-    file.start()?;
-    for (mut column, bytes) in kept {
-        column.push(&mut file, &bytes)?;
-    }
-    Ok((file, Columns { starts, times_s, channels }))
-}
-
-/// Declares what is kept beside the channels, each list as one chunk; gives what is to be written.
-fn attachments(
-    file: &mut RecordingFile,
-    kept: &[Attachment],
-) -> Result<Vec<(Column, Vec<u8>)>, LibraryError> {
-    if !kept.is_empty() {
-        file.group(attachment::GROUP)?;
-    }
-    let mut columns = Vec::new();
-    for Attachment { name, content } in kept.iter().filter(|kept| !kept.content.is_empty()) {
-        let element = match content {
-            attachment::Content::Text(_) => ElementType::U8,
-            attachment::Content::Numbers(_) => ElementType::F64,
-            attachment::Content::Counts(_) => ElementType::I64,
-        };
-        let length = content.len() as u64;
-        let dataset = file.column(attachment::GROUP, name, element, length, None)?;
-        columns.push((Column::new(dataset, element.bytes(), length, false), content.bytes()));
-    }
-    Ok(columns)
-}
-
-/// The checksum of what the file states about itself, segments aside: they are yet to come.
-fn statement(header: &CaptureHeader, channels: &[ReceivedChannel]) -> u32 {
-    let CaptureHeader { start_time, machine, shaft_speed } = header;
-    let mut statement = Statement::new(Some(FORMAT), *start_time, machine.as_deref(), *shaft_speed);
-    let mut sorted: Vec<&ReceivedChannel> = channels.iter().collect();
-    sorted.sort_by(|a, b| a.name.cmp(&b.name));
-    for channel in sorted {
-        statement.channel(&ChannelFacts {
-            name: &channel.name,
-            number_type: channel.number_type,
-            sample_rate: channel.sample_rate,
-            unit: channel.unit.as_deref(),
-            sensor: channel.sensor.as_deref(),
-            scale: channel.scale,
-            offset: channel.offset,
-        });
-    }
-    statement.sum()
-}
-
-/// Declares a channel. A chunk is a second, but of slow channels at least `CHUNK_SAMPLES_MIN`
-/// samples; those are not compressed, so that they can be flushed before a chunk is full.
-fn samples_column(
-    file: &mut RecordingFile,
-    channel: &ReceivedChannel,
-    n_channels: usize,
-    gzip: Option<u32>,
-) -> Result<Column, LibraryError> {
-    let width = channel.number_type.bytes();
-    let most = (CHUNK_BYTES_MAX / (n_channels * width).max(1) as u64).max(1);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a positive rate; float to int casts saturate"
-    )]
-    let second = channel.sample_rate.0.ceil() as u64;
-    let chunk = second.max(CHUNK_SAMPLES_MIN).min(most);
-    let gzip = gzip.filter(|_| second >= CHUNK_SAMPLES_MIN);
-    let element = ElementType::from(channel.number_type);
-    let dataset = file.column("channels", &channel.name, element, chunk, gzip)?;
-    file.column_number(dataset, "sample_rate_hz", channel.sample_rate.0)?;
-    file.column_number(dataset, "scale", channel.scale)?;
-    file.column_number(dataset, "offset", channel.offset)?;
-    for (name, text) in [("unit", &channel.unit), ("sensor", &channel.sensor)] {
-        text.as_ref().map_or(Ok(()), |text| file.column_text(dataset, name, text))?;
-    }
-    Ok(Column::new(dataset, width, chunk, gzip.is_some()))
-}
-
-/// Declares the checksums of a channel.
-fn checksum_column(
-    file: &mut RecordingFile,
-    channel: &ReceivedChannel,
-    block_samples: u64,
-) -> Result<Column, LibraryError> {
-    let element = ElementType::U32;
-    let dataset = file.column("checksums", &channel.name, element, CHECKSUM_CHUNK, None)?;
-    let block_samples = i64::try_from(block_samples).unwrap_or(i64::MAX);
-    file.column_number(dataset, "block_samples", block_samples)?;
-    Ok(Column::new(dataset, element.bytes(), CHECKSUM_CHUNK, false))
+fn faster(a: Hz, b: Hz) -> Hz {
+    if b > a { b } else { a }
 }
