@@ -7,6 +7,7 @@ use super::WindowFeatures;
 use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
+use super::following;
 use super::gear;
 use super::limit;
 use super::lines::LineReader;
@@ -92,7 +93,8 @@ impl Extractor {
             trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
         }
         let heard = if traces.is_empty() { &cut } else { &traces };
-        let mut speed = self.speed(window, &sensors, heard);
+        let settled = self.speed(window, &sensors, heard);
+        let mut speed = following::refine(&machine, settled, heard, &mut self.plans);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
         speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
@@ -265,7 +267,7 @@ impl Extractor {
             peaks.extend(speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5)));
         }
         let imitators = speed::imitators(&self.machine);
-        let excluded: Vec<Hz> = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
+        let excluded = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
         let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
         let mut settled = speed::settle(nominal, source, comb);
         if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {

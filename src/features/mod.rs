@@ -10,6 +10,7 @@ pub mod tacho;
 mod trace;
 pub mod load;
 pub mod turning;
+mod following;
 pub mod reception;
 pub mod sensor;
 pub mod overall;

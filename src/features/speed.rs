@@ -127,14 +127,14 @@ impl Speed {
 pub const REFINE_RANGE: f64 = 0.03;
 
 /// A move of more than this makes the source `estimated`.
-const MOVED: f64 = 1e-3;
+pub(super) const MOVED: f64 = 1e-3;
 
 /// Highest shaft harmonic of the comb.
 const COMB: u32 = 5;
 
 /// A peak of the comb: power over the local floor. A noise cell exceeds 18 once in 6·10⁷, and a
 /// window offers some hundred cells.
-const PEAK_POWER_RATIO: f64 = 18.0;
+pub(super) const PEAK_POWER_RATIO: f64 = 18.0;
 
 /// Two harmonics alone must be this strong to count as a comb.
 const PAIR_POWER_RATIO: f64 = 100.0;
@@ -215,7 +215,7 @@ pub fn find_comb(
     let usable: Vec<u32> = (1..=COMB)
         .filter(|j| {
             let order = f64::from(*j);
-            !imitators.iter().any(|i| (i - order).abs() < IMITATION * order)
+            !is_imitated(order, imitators)
         })
         .collect();
     let offered: Vec<(u32, Peak)> = peaks
@@ -237,6 +237,11 @@ pub fn find_comb(
         }
     }
     best.map(|(comb, _)| comb).filter(|c| (c.speed.0 / nominal.0 - 1.0).abs() <= REFINE_RANGE)
+}
+
+/// Whether one of the orders `imitators` may pose as a shaft's harmonic `order`.
+pub(super) fn is_imitated(order: f64, imitators: &[f64]) -> bool {
+    imitators.iter().any(|i| (i - order).abs() < IMITATION * order)
 }
 
 /// Fits the peaks that agree with `guess_hz`; `None` when they are no comb: three harmonics, or two

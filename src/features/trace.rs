@@ -71,7 +71,8 @@ impl<'a> Trace<'a> {
     }
 }
 
-fn transform(samples: &[f32], plans: &mut Plans) -> Vec<Complex<f32>> {
+/// Unnormalised one-sided DFT of samples, mean removed.
+pub(super) fn transform(samples: &[f32], plans: &mut Plans) -> Vec<Complex<f32>> {
     let plan = plans.forward(samples.len());
     let mut x_hat = vec![Complex::default(); plan.n_bins()];
     plan.process(samples, &mut x_hat);

@@ -78,7 +78,7 @@ fn bearable_excursion(machine: &Machine, first: Hz, duration_s: f64) -> f64 {
 
 /// The samples of a trace at equal angles, at a rate of whole points a revolution of `first`, at
 /// least as many as were sampled. `None` if the angle is known over too little of them.
-fn resample(trace: &Trace<'_>, turning: &Turning, first: Hz) -> Option<(Vec<f32>, Hz)> {
+pub(super) fn resample(trace: &Trace<'_>, turning: &Turning, first: Hz) -> Option<(Vec<f32>, Hz)> {
     let x = trace.all.samples;
     let track = turning.track.seen_from(trace.start_s() - turning.start_s);
     let duration_s = x.len() as f64 / trace.rate.0;
