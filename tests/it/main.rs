@@ -20,6 +20,7 @@ mod rubbish;
 mod recordings;
 mod recorder;
 mod kill;
+mod survive;
 mod trends;
 mod captures;
 mod baseline;
