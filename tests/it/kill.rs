@@ -207,7 +207,8 @@ fn a_kill_loses_and_doubles_nothing_that_was_answered() {
     kill_and_restart(5, 1);
 }
 
-/// A capture whose level rises and falls every 20 s, ten minutes of it, played in some seconds; no delays.
+/// A capture whose level rises and falls every 20 s, ten minutes of it, played in some seconds; with delays longer
+/// than the distance of the kills and without.
 fn toggling() -> TempDir {
     let config = "[server]\nbind = \"127.0.0.1:0\"\n[alarms]\noff_delay_s = 0\n[[machine]]\n\
                   file = \"rig.toml\"\n[[source]]\nkind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\n\
@@ -218,7 +219,10 @@ fn toggling() -> TempDir {
              warning_above = {above}\n"
         )
     };
-    let machine = format!("{}{}{}", support::MACHINE, limit("low", 0.5), limit("high", 1.0));
+    let delayed = |id, above| format!("{}on_delay_s = 12\noff_delay_s = 7\n", limit(id, above));
+    let long = format!("{}on_delay_s = 200\n", limit("always", 1e-6));
+    let limits = [limit("low", 0.5), limit("high", 1.0), delayed("slow", 0.5), long];
+    let machine = format!("{}{}", support::MACHINE, limits.concat());
     let dir = support::folder(config, &[("rig.toml", machine.as_bytes())]);
     let sample = |i: u32| {
         let level = [0.1, 1.0, 0.1, 3.0][usize::try_from(i / 20_000 % 4).unwrap()];

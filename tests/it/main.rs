@@ -21,6 +21,7 @@ mod recordings;
 mod recorder;
 mod kill;
 mod survive;
+mod disk_full;
 mod trends;
 mod captures;
 mod baseline;

@@ -237,12 +237,13 @@ fn live(machine: &Arc<Machine>, settings: &Settings, n: usize, with_acts: bool) 
         state
             .keep(&[Batch {
                 machine: "m".to_owned(),
-                stream: StreamKey { identity: None, start: Some(START) },
+                stream: StreamKey { start: Some(START), ..StreamKey::default() },
                 now,
                 judged_until_s: engine.judged_until_s(),
                 events,
                 health: Vec::new(),
                 standing: None,
+                decisions: None,
             }])
             .unwrap();
     }
@@ -358,7 +359,7 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
     // The daemon starts again on another stream, two minutes later, and goes on with what stands.
     let channels = channels();
     let start = START.plus_seconds(lived.end_s + 120.0);
-    let key = StreamKey { identity: None, start: Some(start) };
+    let key = StreamKey { start: Some(start), ..StreamKey::default() };
     let moment = |stream_s: f64| Moment {
         stream_s,
         monotonic_s: stream_s,
@@ -399,6 +400,7 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
         events: raised,
         health: Vec::new(),
         standing: None,
+        decisions: None,
     };
     state.keep(&[batch]).unwrap();
     drop(state);
