@@ -280,6 +280,38 @@ fn a_damaged_store_is_refused_with_the_remedy() {
 }
 
 #[test]
+fn a_backup_in_the_place_of_a_damaged_store_goes_on_from_there() {
+    let daemon = Daemon::start_in(folder());
+    let standing = alarms(&daemon);
+    let id = standing.keys().next().unwrap().clone();
+    let body = json!({ "author": "M. Ito", "comment": "before the backup" });
+    assert_eq!(daemon.post_json(&format!("/api/v1/alarms/{id}/ack"), &body).0, 200);
+    let before = history(&daemon);
+    daemon.signal("TERM");
+    let mut daemon = daemon;
+    assert_eq!(daemon.child.wait().unwrap().code(), Some(0));
+    let dir = std::mem::replace(&mut daemon.dir, TempDir::new().unwrap());
+    let state = dir.path().join("data/state.db");
+    let backup = std::fs::read(&state).unwrap();
+    // A page in the middle is overwritten: refused. The backup in its place, as documented: it goes on.
+    let mut damaged = backup.clone();
+    let middle = damaged.len() / 2 / 4096 * 4096;
+    damaged[middle..middle + 4096].fill(0x5a);
+    std::fs::write(&state, &damaged).unwrap();
+    let ended = support::refused_in(&dir);
+    assert_eq!(ended.status.code(), Some(2), "{}", ended.stderr);
+    assert!(ended.stderr.contains("restore a backup"), "{}", ended.stderr);
+    std::fs::write(&state, &backup).unwrap();
+    for log in ["state.db-wal", "state.db-shm"] {
+        let _usually_gone = std::fs::remove_file(dir.path().join("data").join(log));
+    }
+    let daemon = Daemon::start_in(dir);
+    let after = history(&daemon);
+    assert_eq!(after[..before.len()], before[..], "what was backed up is there");
+    assert_eq!(alarms(&daemon)[&id]["acknowledgement"]["author"], "M. Ito");
+}
+
+#[test]
 fn a_second_daemon_is_refused_the_store() {
     let daemon = Daemon::start_in(folder());
     let config = format!(
