@@ -254,7 +254,7 @@ const READ_WITH_H5PY: &str = "import sys, h5py\n\
     \x20   f.visititems(lambda name, o: found.update({name: o}) if isinstance(o, h5py.Dataset) else None)\n\
     \x20   for name in sorted(found):\n\
     \x20       d = found[name]\n\
-    \x20       if d.dtype.kind == 'f' and d.ndim == 1: print(name, d.shape[0], repr(float(d[0])), repr(float(d[-1])))\n";
+    \x20       if d.dtype.kind == 'f' and d.ndim == 1: print(name, d.shape[0], repr(float(d[0])), repr(float(d[-1])), sep='\\t')\n";
 
 #[test]
 #[ignore = "needs h5py; .ci/run runs it"]
@@ -287,7 +287,7 @@ fn an_export_is_read_by_h5py() {
     let values: Vec<f64> = column(&windows, "value").iter().map(|v| v.as_f64().unwrap()).collect();
     let (first, last) = (values[0], values[values.len() - 1]);
     let line = text.lines().find(|line| line.contains("rms")).unwrap_or_else(|| panic!("{text}"));
-    let parts: Vec<&str> = line.split(' ').collect();
+    let parts: Vec<&str> = line.split('\t').collect();
     let number = |at: usize| parts[at].parse::<f64>().unwrap();
     assert_eq!(parts[1], N_WINDOWS.to_string(), "{text}");
     assert_eq!(
