@@ -84,7 +84,7 @@ fn folder(disk: &Disk, hook: &Hook) -> TempDir {
     let machine = format!("{}{}{}", support::MACHINE, limit("always", 1e-6), limit("high", 1.5));
     let dir = support::folder(&config, &[("rig.toml", machine.as_bytes())]);
     let sample = |i: u32| {
-        let level = if i / 100_000 % 2 == 0 { 0.1 } else { 3.0 };
+        let level = if (i / 100_000).is_multiple_of(2) { 0.1 } else { 3.0 };
         level * (f64::from(i) * 0.37).sin()
     };
     let samples: Vec<f64> = (0..400_000).map(sample).collect();
@@ -198,7 +198,7 @@ fn on_a_full_disk_the_oldest_raw_data_give_way_and_alarms_go_on() {
     });
     support::wait_until("trends to go on", || (metric("trends_failing") == 0.0).then_some(()));
     assert_eq!(act("unshelve").0, 200);
-    assert_eq!(metric("store_events_lost_total"), 0.0);
+    assert!(metric("store_events_lost_total") < 0.5);
     support::wait_until("readiness", || (daemon.get_text("/readyz").0 == 200).then_some(()));
     support::wait_until("everything to be told", || {
         let (_, system) = daemon.get_json("/api/v1/system");

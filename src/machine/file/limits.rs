@@ -345,9 +345,11 @@ impl LimitReader<'_, '_, '_> {
         );
         let by_speed = rows.map_or(Vec::new(), |rows| self.by_speed(&rows, factor));
         let zones = self.parts.iso_group.and_then(IsoGroup::velocity_zones);
-        let from_zones = match kind {
-            Kind::DisplacementRms | Kind::ShaftDisplacement => self.of_displacements(kind),
-            _ => self.of_zones(kind, zones, baseline),
+        let is_displacement = matches!(kind, Kind::DisplacementRms | Kind::ShaftDisplacement);
+        let from_zones = if is_displacement {
+            self.of_displacements(kind)
+        } else {
+            self.of_zones(kind, zones, baseline)
         };
         let thresholds = Thresholds {
             warning_above: stated.warning_above.or(from_zones.warning_above),
@@ -362,11 +364,10 @@ impl LimitReader<'_, '_, '_> {
             return (Thresholds::default(), by_speed);
         }
         if thresholds.is_empty() {
-            let keys = match kind {
-                Kind::ShaftDisplacement => {
-                    "warning_above or damaged_above, by_speed, or max_speed_hz between 16.67 and 500"
-                }
-                _ => "warning_above or damaged_above, by_speed, or iso_group where it applies",
+            let keys = if kind == Kind::ShaftDisplacement {
+                "warning_above or damaged_above, by_speed, or max_speed_hz between 16.67 and 500"
+            } else {
+                "warning_above or damaged_above, by_speed, or iso_group where it applies"
             };
             self.section.missing("warning_above", keys);
         }
