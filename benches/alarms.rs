@@ -169,6 +169,7 @@ fn batch(events: Vec<AlarmEvent>) -> Batch {
         events,
         health: Vec::new(),
         standing: None,
+        decisions: None,
     }
 }
 

@@ -211,10 +211,12 @@ fn year() {
         times_ms.push(1e3 * began.elapsed().as_secs_f64());
         assert!(table.time_s.len() == 8760 && kept > 0);
     }
+    // The first question looks into every day and month, whether all of it is made coarser.
+    let first_ms = times_ms.remove(0);
     times_ms.sort_by(f64::total_cmp);
     println!(
-        "a year of 12 features from the 1-h tier at 1000 points: median {:.1} ms, worst {:.1} ms",
-        times_ms[10], times_ms[19]
+        "a year of 12 features from the 1-h tier at 1000 points: first {first_ms:.1} ms, then median {:.1} ms, worst {:.1} ms",
+        times_ms[9], times_ms[18]
     );
 }
 

@@ -40,7 +40,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
-    ("store", &["units", "signal", "features", "diagnosis", "alarms", "notify", "causes"]),
+    ("store", &["units", "signal", "tape", "features", "diagnosis", "alarms", "notify", "causes"]),
     (
         "api",
         &[

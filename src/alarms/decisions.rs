@@ -1,5 +1,5 @@
 //! What the levels of the next window rest on beside the window: delays, hysteresis, clocks. Kept with an alarm's
-//! evidence, so that it can be decided again. Must not know alarms' lives: what operators did decides no level.
+//! evidence, so that it can be decided again, and over a restart. Must not know alarms' lives: what operators did decides no level.
 
 use super::AlarmEngine;
 use super::policy::Level;
@@ -81,6 +81,17 @@ impl AlarmEngine {
             self.components.entry(key.clone()).or_default().tracker = *tracker;
         }
         self.stated.resume(&kept.stated)
+    }
+
+    /// Takes up delays and hysteresis of before a restart; `is_same`: of the same stream, so that its times mean the
+    /// same. What does not fit to an alarm that stands, or to the machine file, begins anew.
+    pub(super) fn go_on(&mut self, kept: &Decisions, is_same: bool) {
+        for (key, tracker) in &kept.components {
+            if self.stated.has(key.0, &key.1) {
+                self.components.entry(key.clone()).or_default().go_on(*tracker);
+            }
+        }
+        self.stated.go_on(&kept.stated, is_same);
     }
 
     /// What stands above its level now, in words, with it: `bearing right`, `limit overall`, `channel x`.

@@ -158,6 +158,43 @@ fn kept(engine: &AlarmEngine, judged_until_s: Option<f64>) -> Kept {
         last_id: engine.next_id - 1,
         last_sequence: engine.next_sequence - 1,
         judged_until_s,
+        decisions: Some(engine.decisions()),
+    }
+}
+
+fn delayed() -> AlarmEngine {
+    let settings = Settings { on_delay_s: 600.0, off_delay_s: 25.0, ..Settings::default() };
+    AlarmEngine::new("rig-1", settings)
+}
+
+#[test]
+fn an_on_delay_longer_than_the_time_between_two_restarts_is_reached() {
+    // Each life is a stream of its own and sees 54 windows of 10 s; a quarter of an hour is between them.
+    let mut engine = delayed();
+    let mut raised = Vec::new();
+    for life in 0..3 {
+        if life > 0 {
+            let kept = kept(&engine, None);
+            engine = delayed();
+            engine.restore(kept, at(0.0));
+        }
+        for n in 1..=54 {
+            let events = engine.observe(&verdict(State::Warning, RUNNING), 10.0 * f64::from(n));
+            raised.extend(events.into_iter().map(|event| (life, event.time_s)));
+        }
+    }
+    // 530 s are seen in the first life; the first window of the second adds nothing, the eighth the last 10 s.
+    assert_eq!(raised, [(1, 80.0)]);
+    // Without what was kept, it would never be.
+    let mut engine = delayed();
+    for _ in 0..3 {
+        let kept = Kept { decisions: None, ..kept(&engine, None) };
+        engine = delayed();
+        engine.restore(kept, at(0.0));
+        for n in 1..=54 {
+            let time_s = 10.0 * f64::from(n);
+            assert!(engine.observe(&verdict(State::Warning, RUNNING), time_s).is_empty());
+        }
     }
 }
 
@@ -266,6 +303,35 @@ proptest! {
             let active = engine.standing().iter().any(|alarm| alarm.state.is_active());
             prop_assert_eq!(active, accused, "the condition is followed behind every silence");
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A stream that is judged on from where it was kept, delays and all, raises what it would have raised.
+    #[test]
+    fn a_restart_within_a_stream_changes_no_delay(
+        states in prop::collection::vec(0_usize..4, 1..60),
+        restart_at in 0_usize..60,
+    ) {
+        let settings = Settings { on_delay_s: 15.0, off_delay_s: 25.0, ..Settings::default() };
+        let engine = || AlarmEngine::new("rig-1", settings.clone());
+        let kinds = [State::Healthy, State::Undetermined, State::Warning, State::Damaged];
+        let play = |engine: &mut AlarmEngine, n: usize| {
+            let verdicts = states.iter().take(n).enumerate();
+            let each = |(n, kind): (usize, &usize)| {
+                engine.observe(&verdict(kinds[*kind], RUNNING), 10.0 * (n as f64 + 1.0))
+            };
+            verdicts.flat_map(each).collect::<Vec<_>>()
+        };
+        let whole = play(&mut engine(), states.len());
+        let mut killed = engine();
+        let mut told = play(&mut killed, restart_at);
+        let mut again = engine();
+        again.restore(kept(&killed, killed.judged_until_s()), at(0.0));
+        told.extend(play(&mut again, states.len()));
+        prop_assert_eq!(told, whole);
     }
 }
 

@@ -236,6 +236,8 @@ impl LimitJudge {
 fn recipe(machine: &Machine, quantity: &Quantity) -> Recipe {
     match quantity {
         Quantity::VelocityRms => Recipe::One(overall::VELOCITY_RMS.to_owned()),
+        Quantity::DisplacementRms => Recipe::One(limit::DISPLACEMENT_RMS.to_owned()),
+        Quantity::PeakToPeak => Recipe::One(limit::PEAK_TO_PEAK.to_owned()),
         Quantity::Gap => Recipe::One("mean".to_owned()),
         Quantity::Band { low, high } => Recipe::One(limit::band_name(*low, *high)),
         Quantity::Order { shaft, order } => {

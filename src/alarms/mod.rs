@@ -75,6 +75,8 @@ pub struct Kept {
     /// Stream time up to which the same stream was judged before, s: what it says again up to there
     /// is no news. `None`: it is another stream.
     pub judged_until_s: Option<f64>,
+    /// Delays and hysteresis as they were then; `None`: they begin anew.
+    pub decisions: Option<Decisions>,
 }
 
 /// The alarms of one machine.
@@ -127,8 +129,8 @@ impl AlarmEngine {
         Self { stated, ..Self::new(&machine.id, settings) }
     }
 
-    /// Goes on with what was kept before a restart. Levels stand as they stood, delays begin anew: an
-    /// alarm returns at most one off-delay later than it would have, and none is raised early. Gives the
+    /// Goes on with what was kept before a restart. Levels stand as they stood, delays go on as far as they were
+    /// kept: the time without the program is one that nobody judged, which holds every clock. Gives the
     /// transitions that the restart itself causes: those of alarms of what is gone from the machine file.
     pub fn restore(&mut self, kept: Kept, now: Moment) -> Vec<AlarmEvent> {
         self.next_id = self.next_id.max(kept.last_id.saturating_add(1));
@@ -152,6 +154,9 @@ impl AlarmEngine {
                     self.orphans.extend(self.stated.restore(slot));
                 }
             }
+        }
+        if let Some(decisions) = &kept.decisions {
+            self.go_on(decisions, kept.judged_until_s.is_some());
         }
         self.end_orphans(now.stream_s)
     }
@@ -256,6 +261,12 @@ impl AlarmEngine {
             let finding = || of_machine(source.clone(), why.unwrap_or_default());
             let time_s = now.stream_s;
             moved.extend(slot::transition(&mut slot.alarm, level, time_s, next_id, &finding));
+        }
+        // What goes wrong may change while the alarm stands; that is shown, and is no transition.
+        if let (Some(alarm), Some(why)) = (&mut self.store.alarm, store_failure)
+            && alarm.why != why
+        {
+            why.clone_into(&mut alarm.why);
         }
         events.extend(self.record_all(moved, now.stream_s));
         events

@@ -24,10 +24,17 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    /// Goes on with an alarm of before a restart, at its level. Delays begin anew.
+    /// Goes on with an alarm of before a restart, at its level.
     pub(super) fn restored(alarm: Alarm) -> Self {
         let level = alarm.state.is_active().then_some(alarm.level);
         Self { tracker: LevelTracker::at(level), alarm: Some(alarm), ..Self::default() }
+    }
+
+    /// Takes up delays of before a restart, unless they speak of another condition than the alarm.
+    pub(super) fn go_on(&mut self, tracker: LevelTracker) {
+        if tracker.level().is_some() == self.tracker.level().is_some() {
+            self.tracker = tracker;
+        }
     }
 }
 

@@ -159,6 +159,24 @@ impl Stated {
         })
     }
 
+    /// Takes up what was kept before a restart, if it is of these limits and channels.
+    pub(super) fn go_on(&mut self, kept: &StatedDecisions, is_same: bool) {
+        if kept.channels.len() == self.channels.len() {
+            for (channel, tracker) in self.channels.iter_mut().zip(&kept.channels) {
+                channel.slot.go_on(*tracker);
+            }
+        }
+        if kept.limits.len() == self.limits.len() {
+            for (limit, (tracker, levels)) in self.limits.iter_mut().zip(&kept.limits) {
+                limit.slot.go_on(*tracker);
+                limit.judge.resume(levels);
+            }
+        }
+        if is_same {
+            self.clock = StartupClock::running_since(kept.startup_since_s);
+        }
+    }
+
     /// The limits and channels that are above their level, in words, with it.
     pub(super) fn raised(&self) -> Vec<(String, Level)> {
         let limits = self.limits.iter().filter(|limit| limit.judge.limit().raises);

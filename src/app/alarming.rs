@@ -86,6 +86,11 @@ impl Alarming {
         }
     }
 
+    /// Keeps what alarms rest on, because the program ends.
+    pub(super) fn end(&mut self, engine: &AlarmEngine, stream_s: f64) {
+        self.keeper.end(engine, stream_s);
+    }
+
     /// Lets an operator act. Who asked is answered when the act is stored, or why it is not; `publish`
     /// runs before, so that who asked sees the act in the next snapshot.
     pub(super) fn act(

@@ -191,7 +191,8 @@ fn join(
     let id = &entry.machine.id;
     let recorded = stream.as_ref().ok().zip(stores.recordings.as_ref());
     let recorded = recorded.and_then(|(stream, store)| {
-        Recording::new(config, entry, &stream.info, store, metrics.recording(id))
+        let told = (metrics.recording(id), stores.keeper.troubles.clone());
+        Recording::new(config, entry, &stream.info, store, told)
     });
     let (recording, recording_view) = recorded.unzip();
     let (info, simulated) = match stream {
@@ -298,7 +299,7 @@ fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) 
         }
         SourceConfig::Replay(_) | SourceConfig::Simulated(_) => None,
     };
-    StreamKey { identity, start }
+    StreamKey { identity, start, judged_by: Some(judged_by) }
 }
 
 /// Lets an engine go on with what is stored of its machine.
@@ -339,7 +340,7 @@ fn monitor(
             let source = SourceState::Failed(reason);
             // Without a stream its alarms count from now.
             let start_time = Some(super::wall_clock());
-            let key = StreamKey { identity: None, start: start_time };
+            let key = StreamKey { start: start_time, ..StreamKey::default() };
             let alarm_events = restore(&mut idle, &machine.id, &key, archive, clock)?;
             let keeper = keeper_of(&key);
             let (monitor, is_live, alarms) = (None, false, idle);

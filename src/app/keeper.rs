@@ -4,6 +4,7 @@
 //! repaired by sending all standing alarms with the next batch.
 
 use super::Clock;
+use super::trouble::Troubles;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::notify::HealthChange;
@@ -23,6 +24,7 @@ use std::sync::mpsc::SyncSender;
 use std::sync::mpsc::TrySendError;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
+use std::time::Instant;
 use tokio::sync::watch;
 
 /// Jobs that may wait for the writer.
@@ -33,6 +35,9 @@ const GROUP: usize = 256;
 
 /// How long the writer waits before it tries again what the store refused.
 const RETRY: Duration = Duration::from_secs(1);
+
+/// How often delays of alarms are kept while nothing happens: a kill takes so much of them.
+const KEEP_DECISIONS_EVERY: Duration = Duration::from_secs(60);
 
 /// The store as the daemon's parts see it; cheap to clone.
 #[derive(Clone)]
@@ -46,6 +51,8 @@ pub struct Keeper {
     pub stored: watch::Receiver<u64>,
     /// The daemon's clocks.
     pub clock: Clock,
+    /// What else goes wrong with the store.
+    pub troubles: Troubles,
 }
 
 impl std::fmt::Debug for Keeper {
@@ -82,7 +89,8 @@ impl Keeper {
         let (told, stored) = watch::channel(0);
         let plan =
             KeeperPlan { store, jobs: inbox, status: Arc::clone(&status), stored: told, metrics };
-        (Self { jobs, archive, status, stored, clock: Clock::start() }, plan)
+        let (clock, troubles) = (Clock::start(), Troubles::default());
+        (Self { jobs, archive, status, stored, clock, troubles }, plan)
     }
 }
 
@@ -106,7 +114,8 @@ impl KeeperPlan {
                 }
             };
             metrics.stored.inc_by(status.n_stored() - n_stored);
-            if status.n_stored() != n_stored {
+            // What is refused is told too.
+            if status.n_stored() != n_stored || refused.is_err() {
                 stored.send_replace(status.n_stored());
             }
             metrics.lost.inc_by(status.n_lost() - n_lost);
@@ -134,6 +143,9 @@ pub struct MachineKeeper {
     /// Send all standing alarms: events were lost.
     send_standing: bool,
     n_lost_seen: u64,
+    /// When delays were kept, and up to which stream time they had gone, s.
+    decisions_at: (Instant, Option<f64>),
+    is_ending: bool,
 }
 
 impl MachineKeeper {
@@ -141,7 +153,17 @@ impl MachineKeeper {
     #[must_use]
     pub fn new(keeper: Keeper, machine: &str, stream: StreamKey, tells_store: bool) -> Self {
         let machine = machine.to_owned();
-        Self { keeper, machine, stream, tells_store, send_standing: false, n_lost_seen: 0 }
+        let decisions_at = (super::now(), None);
+        Self {
+            keeper,
+            machine,
+            stream,
+            tells_store,
+            send_standing: false,
+            n_lost_seen: 0,
+            decisions_at,
+            is_ending: false,
+        }
     }
 
     /// The daemon's clocks.
@@ -150,10 +172,17 @@ impl MachineKeeper {
         self.keeper.clock
     }
 
-    /// Why nothing can be stored, if this machine is the one to say it.
+    /// What goes wrong with the store, if this machine is the one to say it.
     #[must_use]
     pub fn failure_to_tell(&self) -> Option<String> {
-        if self.tells_store { self.keeper.status.failure() } else { None }
+        if !self.tells_store {
+            return None;
+        }
+        let failure = self.keeper.status.failure();
+        let alarms = failure.map(|why| format!("alarms cannot be stored: {why}"));
+        let troubles = self.keeper.troubles.told(super::now());
+        let all: Vec<String> = alarms.into_iter().chain(troubles).collect();
+        (!all.is_empty()).then(|| all.join("; "))
     }
 
     /// Sends events on their way; `done` is told when they are stored, or why not.
@@ -164,7 +193,8 @@ impl MachineKeeper {
         stream_s: f64,
         done: Option<Done>,
     ) {
-        if events.is_empty() && health.is_empty() && done.is_none() && !self.send_standing {
+        let is_news = !events.is_empty() || !health.is_empty() || done.is_some();
+        if !is_news && !self.send_standing && !self.has_decisions_to_keep(engine) {
             return;
         }
         let n_events = events.len() + health.len();
@@ -176,7 +206,9 @@ impl MachineKeeper {
             events,
             health,
             standing: self.send_standing.then(|| engine.standing()),
+            decisions: self.stream.judged_by.is_some().then(|| engine.decisions()),
         };
+        self.decisions_at = (super::now(), batch.judged_until_s);
         match self.keeper.jobs.try_send(Job { batch, done }) {
             Ok(()) => self.send_standing = false,
             Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) => {
@@ -187,6 +219,22 @@ impl MachineKeeper {
                 }
             }
         }
+    }
+
+    /// Whether delays have gone on for a minute since they were kept. While the store refuses they are not: what
+    /// waits for it shall be what happened.
+    fn has_decisions_to_keep(&self, engine: &AlarmEngine) -> bool {
+        let (at, judged_until_s) = self.decisions_at;
+        let age = super::now().saturating_duration_since(at);
+        let is_due = self.is_ending || age >= KEEP_DECISIONS_EVERY;
+        let is_news = engine.judged_until_s() != judged_until_s;
+        is_due && is_news && self.keeper.status.failure().is_none()
+    }
+
+    /// Keeps delays as they are, because the program ends.
+    pub fn end(&mut self, engine: &AlarmEngine, stream_s: f64) {
+        self.is_ending = true;
+        self.keep(engine, (Vec::new(), Vec::new()), stream_s, None);
     }
 
     /// Sends all standing alarms if events were lost and the store is well again.

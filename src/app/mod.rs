@@ -12,6 +12,8 @@ pub mod stop;
 pub mod queue;
 pub mod link;
 pub mod trend;
+mod trouble;
+mod room;
 pub mod keeper;
 pub mod trending;
 mod alarming;

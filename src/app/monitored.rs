@@ -250,6 +250,13 @@ impl Monitored {
         self.publish(queue_bytes);
     }
 
+    /// The program ends: keeps what the alarms rest on.
+    pub fn end(&mut self) {
+        let stream_s = self.stream_time_s();
+        let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+        self.alarming.end(engine, stream_s);
+    }
+
     /// The alarms, with or without a monitor.
     fn alarms(&self) -> &AlarmEngine {
         self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms)

@@ -1,5 +1,6 @@
 //! A machine's recorder on its source's thread: gives it the clock, logs and shows what it does.
 
+use super::trouble::Troubles;
 use crate::api::view::RecordingView;
 use crate::capture::received::Received;
 use crate::capture::received::ReceivedChannel;
@@ -33,6 +34,7 @@ pub struct Recording {
     started: Instant,
     publisher: watch::Sender<RecordingView>,
     metrics: RecordingMetrics,
+    troubles: Troubles,
     /// What the metrics know already.
     told: Counts,
 }
@@ -55,7 +57,7 @@ impl Recording {
         entry: &MachineConfig,
         info: &StreamInfo,
         store: &Arc<Mutex<Store>>,
-        metrics: RecordingMetrics,
+        (metrics, troubles): (RecordingMetrics, Troubles),
     ) -> Option<(Self, watch::Receiver<RecordingView>)> {
         let settings = config.recording?;
         let machine = entry.machine.id.clone();
@@ -74,7 +76,7 @@ impl Recording {
         let recorder = MachineRecorder::new(&machine, header, channels, settings, store);
         let (publisher, view) = watch::channel(RecordingView::default());
         let (started, told) = (super::now(), Counts::default());
-        let recording = Self { machine, recorder, started, publisher, metrics, told };
+        let recording = Self { machine, recorder, started, publisher, metrics, troubles, told };
         Some((recording, view))
     }
 
@@ -139,6 +141,8 @@ impl Recording {
             Event::Failed { error } => {
                 let error = with_causes(error);
                 tracing::error!(machine, error, "recording failed, another file is tried later");
+                let why = format!("raw data of {machine} are not recorded: {error}");
+                self.troubles.lost(&format!("recording {machine}"), why, super::now());
             }
             Event::Store(event) => log_store(Some(machine), event),
         }

@@ -67,7 +67,7 @@ pub fn run(
                 }
             }
             Popped::Timeout => {}
-            Popped::Closed => return,
+            Popped::Closed => return machines.iter_mut().for_each(Monitored::end),
         }
         let now = super::now();
         heartbeat.beat(now);

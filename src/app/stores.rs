@@ -11,6 +11,8 @@ use super::keeper::KeeperPlan;
 use super::notify;
 use super::notify::NotifyPlan;
 use super::recording;
+use super::room::CapturesGiveWay;
+use super::room::Room;
 use super::start_error::StartError;
 use super::trending;
 use super::trending::TrendKeeper;
@@ -65,10 +67,19 @@ impl Stores {
         let (events, notify) = notify::plan(config, &keeper, metrics)?;
         let recordings = recording::open_store(config);
         let n_channels = streams.iter().map(|stream| stream.channels.len()).sum();
-        let (trend_keeper, trending, trends) =
+        let (trend_keeper, mut trending, trends) =
             trending::open(config, n_channels, metrics, recordings.clone())?;
         let waiting = streams.iter().map(|info| captures::waiting_bytes(config, &info.received));
-        let captures = captures::open(config, waiting.sum(), metrics.captures())?;
+        let (troubles, give_way) = (keeper.troubles.clone(), Arc::<CapturesGiveWay>::default());
+        trending.room = Some(Room {
+            root: config.store.directory.clone(),
+            recordings: recordings.clone(),
+            captures: Arc::clone(&give_way),
+            troubles: troubles.clone(),
+            metrics: metrics.room(),
+        });
+        let counted = (metrics.captures(), metrics.room());
+        let captures = captures::open(config, waiting.sum(), counted, (troubles, give_way))?;
         Ok(Self {
             keeper,
             keeping,

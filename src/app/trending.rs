@@ -3,6 +3,7 @@
 //! A shard never waits for the store: what finds no room in the queue is lost and counted. The open
 //! minute is in memory; a kill loses it, which shows as a gap.
 
+use super::room::Room;
 use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::past::PastStream;
@@ -82,6 +83,8 @@ pub struct TrendPlan {
     budget: Budget,
     holdings: watch::Sender<Holdings>,
     metrics: TrendMetrics,
+    /// Keeps room on the disk.
+    pub(super) room: Option<Room>,
 }
 
 impl std::fmt::Debug for TrendPlan {
@@ -146,7 +149,8 @@ pub(super) fn join(
         status: Arc::clone(&status),
         run: super::wall_clock(),
     };
-    let plan = TrendPlan { store, minutes: inbox, bytes, status, budget, holdings, metrics };
+    let room = None;
+    let plan = TrendPlan { store, minutes: inbox, bytes, status, budget, holdings, metrics, room };
     (keeper, plan, view)
 }
 
@@ -166,7 +170,7 @@ impl TrendKeeper {
 impl TrendPlan {
     /// Writes until every sender is gone and everything is written.
     pub fn run(self, stop: &Stop) {
-        let Self { store, minutes, bytes, status, budget, holdings, metrics } = self;
+        let Self { store, minutes, bytes, status, budget, holdings, metrics, room } = self;
         let mut queue = Queue::new(store, &status);
         let mut prune_at = super::now();
         let (mut is_over, mut has_more) = (false, false);
@@ -185,6 +189,11 @@ impl TrendPlan {
             }
             let now = super::wall_clock();
             let is_failing = queue.flush(now);
+            if let Some(room) = &room {
+                let why = status.failure().map(|why| format!("trends cannot be stored: {why}"));
+                room.troubles.note("trends", why);
+                room.keep(queue.store(), now);
+            }
             if !stop.is_set() {
                 has_more = queue.store().tidy(now).unwrap_or_else(|error| {
                     tracing::error!(%error, "minutes and hours of trends cannot be made yet");

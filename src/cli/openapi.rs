@@ -3,6 +3,8 @@
 use crate::api;
 use crate::api::wire::diagnosis;
 use crate::api::wire::evaluation;
+use crate::api::wire::evidence;
+use crate::api::wire::rerun;
 use clap::Args;
 use clap::ValueEnum;
 use std::process::ExitCode;
@@ -28,6 +30,10 @@ pub enum Schema {
     Diagnosis,
     /// What `evaluate --format json` prints: `rotorwatch.evaluation/1`.
     Evaluation,
+    /// What `diagnose --evidence --format json` prints: `rotorwatch.evidence/1`.
+    Evidence,
+    /// What `replay-alarms --format json` prints: `rotorwatch.replay-alarms/1`.
+    ReplayAlarms,
 }
 
 /// Prints the OpenAPI 3.1 document of the HTTP API, or a schema, as indented JSON.
@@ -37,6 +43,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         None => return super::print(api::openapi_text().as_bytes()),
         Some(Schema::Diagnosis) => diagnosis::json_schema(),
         Some(Schema::Evaluation) => evaluation::json_schema(),
+        Some(Schema::Evidence) => evidence::json_schema(),
+        Some(Schema::ReplayAlarms) => rerun::json_schema(),
     };
     match serde_json::to_string_pretty(&schema) {
         Ok(text) => super::print((text + "\n").as_bytes()),

@@ -242,6 +242,14 @@ impl Extractor {
             let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
+            let (samples, asked) = ((&trace.samples[..], trace.rate), (info.unit, &mut self.plans));
+            trace.features.extend(limit::displacements(
+                &self.machine,
+                trace.sensor,
+                samples,
+                &trace.moments,
+                asked,
+            ));
             traces.push(trace);
         }
         (traces, cut)

@@ -3,10 +3,14 @@
 //! Nothing is measured that no limit of the machine names. Must not know thresholds.
 
 use super::Feature;
+use super::overall;
+use super::plans::Plans;
 use super::shaft;
 use super::speed::Phase;
+use crate::dsp::integrate;
 use crate::dsp::line;
 use crate::dsp::real::floor_index;
+use crate::dsp::stats::Moments;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
 use crate::machine::alarm_limit::Quantity;
@@ -16,6 +20,12 @@ use crate::units::Unit;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 use std::sync::Arc;
+
+/// Name of the feature "displacement RMS in the band of ISO 20816, 10–1000 Hz".
+pub const DISPLACEMENT_RMS: &str = "displacement_rms_10_1000_hz";
+
+/// Name of the feature "largest minus smallest sample".
+pub const PEAK_TO_PEAK: &str = "peak_to_peak";
 
 /// Name of the cosine part A·cos φ of the vector of 1×.
 pub const VECTOR_COS: &str = "vector_1x_cos";
@@ -43,6 +53,41 @@ pub fn order_name(order: f64, shaft: &str) -> String {
 fn wanted(machine: &Machine, sensor: usize) -> impl Iterator<Item = &Quantity> {
     let limits = machine.alarm_limits.limits.iter();
     limits.filter(move |limit| limit.sensors.contains(&sensor)).map(|limit| &limit.quantity)
+}
+
+/// Displacement that limits on `sensor` ask for: RMS of a housing by integration (D48), peak to peak of a shaft.
+/// `moments`: of all samples of the window.
+#[must_use]
+pub fn displacements(
+    machine: &Machine,
+    sensor: usize,
+    (samples, rate): (&[f32], Hz),
+    moments: &Moments,
+    (unit, plans): (Unit, &mut Plans),
+) -> Vec<Feature> {
+    let asks = |quantity: &Quantity| wanted(machine, sensor).any(|asked| asked == quantity);
+    let mut found = Vec::new();
+    let integrated = match unit {
+        Unit::MetrePerSecondSquared => Some(integrate::Quantity::Acceleration),
+        Unit::MillimetrePerSecond => Some(integrate::Quantity::Velocity),
+        Unit::Micrometre | Unit::Volt | Unit::Hertz | Unit::One | Unit::Unknown => None,
+    };
+    if let Some(quantity) = integrated.filter(|_| asks(&Quantity::DisplacementRms)) {
+        let plan = plans.velocity(samples.len());
+        let band_hz = overall::VELOCITY_BAND_HZ;
+        if let Some(read) = plan.process_displacement(samples, rate.0, quantity, band_hz) {
+            let name = Arc::from(DISPLACEMENT_RMS);
+            found.push(Feature { name, value: read.um, unit: Unit::Micrometre });
+        }
+    }
+    if moments.n > 0 && asks(&Quantity::PeakToPeak) {
+        found.push(Feature {
+            name: Arc::from(PEAK_TO_PEAK),
+            value: moments.max - moments.min,
+            unit,
+        });
+    }
+    found
 }
 
 /// RMS in every band that a limit on `sensor` names; `x_hat`: unnormalised one-sided DFT of `n`

@@ -4,6 +4,7 @@
 //! know how a value is measured or when it was exceeded.
 
 use super::ShaftIndex;
+use super::limits::DisplacementZones;
 use super::limits::VelocityZones;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -20,6 +21,10 @@ pub const MOST_ABOVE_BOUNDARY: f64 = 1.25;
 pub enum Quantity {
     /// Velocity RMS 10–1000 Hz, mm/s.
     VelocityRms,
+    /// Displacement RMS 10–1000 Hz, µm.
+    DisplacementRms,
+    /// Largest minus smallest sample: the displacement of a shaft, of a probe.
+    PeakToPeak,
     /// Mean of the signal with its constant: the gap of a probe.
     Gap,
     /// RMS in a band.
@@ -172,6 +177,16 @@ impl Thresholds {
         Self {
             warning_above: Some(zones.b_c_mm_per_s),
             damaged_above: Some(zones.c_d_mm_per_s),
+            ..Self::default()
+        }
+    }
+
+    /// Zone boundaries of a displacement as limits: B/C and C/D.
+    #[must_use]
+    pub fn of_displacement_zones(zones: DisplacementZones) -> Self {
+        Self {
+            warning_above: Some(zones.b_c_um),
+            damaged_above: Some(zones.c_d_um),
             ..Self::default()
         }
     }

@@ -22,6 +22,18 @@ pub enum Answer {
     Failed(String),
 }
 
+impl Answer {
+    /// Whether the event may be taken another time.
+    #[must_use]
+    pub fn is_temporary(&self) -> bool {
+        match self {
+            Self::Status(200..=299, _) => false,
+            Self::Status(status, _) => !OF_THE_EVENT.contains(status),
+            Self::Failed(_) => true,
+        }
+    }
+}
+
 /// What to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Next {

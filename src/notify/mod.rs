@@ -28,11 +28,20 @@ pub use queue::Progress;
 pub use queue::Queue;
 pub use secret::Secret;
 
+/// Id of an event that the store has refused since then. Not that of the stored one: should the daemon be killed
+/// before it is stored, its number is given again, and a receiver that knew it would drop another event.
+#[must_use]
+pub fn unstored_id(machine: &str, sequence: u64, refused_since: Timestamp) -> String {
+    format!("{}@{}", event_id(machine, sequence), refused_since.0)
+}
+
 /// Id of an event across machines: the same however often it is sent.
 #[must_use]
 pub fn event_id(machine: &str, sequence: u64) -> String {
     format!("{machine}#{sequence}")
 }
+
+use crate::signal::Timestamp;
 
 #[cfg(test)]
 mod tests;

@@ -54,6 +54,8 @@ pub struct LogEntry {
     pub recorded: Timestamp,
     /// UTC of stream time 0; `None`: unknown.
     pub start: Option<Timestamp>,
+    /// Since when the store refuses, if it could not be stored yet; its place is 0 then.
+    pub refused_since: Option<Timestamp>,
     /// What happened.
     pub what: Happened,
 }
@@ -283,7 +285,7 @@ fn entry(connection: &Connection, row: &Row<'_>) -> Result<Option<LogEntry>, Sto
     };
     let place = rows::count(rows::get(row, "place")?);
     let recorded = Timestamp(rows::get(row, "recorded_utc")?);
-    Ok(Some(LogEntry { place, machine, recorded, start, what }))
+    Ok(Some(LogEntry { place, machine, recorded, start, refused_since: None, what }))
 }
 
 impl EventLog for SqliteEvents {

@@ -6,6 +6,7 @@
 
 pub mod audit;
 mod baselines;
+mod decisions;
 pub mod events;
 pub mod captures;
 mod keep;
@@ -21,6 +22,7 @@ pub use keep::{KeepError, keep, take_away, use_again};
 
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Decisions;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
 use crate::diagnosis::baseline::Record;
@@ -39,6 +41,8 @@ pub struct StreamKey {
     pub identity: Option<String>,
     /// UTC of stream time 0; `None`: unknown.
     pub start: Option<Timestamp>,
+    /// Hash of the configuration it is judged by: delays of another one are not taken up.
+    pub judged_by: Option<String>,
 }
 
 /// What happened to the alarms of a machine at once: stored as a whole or not at all.
@@ -58,6 +62,8 @@ pub struct Batch {
     pub health: Vec<HealthChange>,
     /// All alarms that stand, when events before these may be lost.
     pub standing: Option<Vec<Alarm>>,
+    /// Delays and hysteresis as they are at `judged_until_s`.
+    pub decisions: Option<Decisions>,
 }
 
 impl Batch {

@@ -90,6 +90,11 @@ const MIGRATIONS: &[&str] = &[
         machine TEXT NOT NULL, number INTEGER NOT NULL, capture TEXT, reason TEXT,
         recorded_utc INTEGER NOT NULL, PRIMARY KEY (machine, number)) WITHOUT ROWID;
      CREATE INDEX alarm_of_capture ON alarm_capture (capture);",
+    // 6: delays and hysteresis of a machine's alarms: numbers (f64, little end first) and words, each with a zero
+    // byte behind it.
+    "CREATE TABLE decision (
+        machine TEXT PRIMARY KEY, judged_by TEXT NOT NULL, numbers BLOB NOT NULL, words TEXT NOT NULL)
+        WITHOUT ROWID;",
 ];
 
 /// The newest schema.

@@ -11,6 +11,7 @@ use super::EventQuery;
 use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
+use super::decisions;
 use super::events;
 use super::rows;
 use super::rows::Reader;
@@ -228,6 +229,7 @@ impl SqliteStore {
                 }
             }
             write_stream(&transaction, batch)?;
+            decisions::write(&transaction, batch)?;
         }
         let look = self.n_since_look + n_new >= LOOK_EVERY;
         if look {
@@ -436,6 +438,7 @@ impl Archive for SqliteArchive {
             last_id: u64::try_from(last_id).unwrap_or(0),
             last_sequence: u64::try_from(last_sequence).unwrap_or(0),
             judged_until_s: judged_until_s.filter(|_| is_same),
+            decisions: decisions::read(&connection, machine, stream)?,
         })
     }
 

@@ -83,12 +83,17 @@ pub(super) fn event(sequence: u64, kind: EventKind, alarm: &Alarm) -> AlarmEvent
 pub(super) fn batch(events: Vec<AlarmEvent>) -> Batch {
     Batch {
         machine: "rig-1".to_owned(),
-        stream: StreamKey { identity: Some("x.h5".to_owned()), start: Some(START) },
+        stream: StreamKey {
+            identity: Some("x.h5".to_owned()),
+            start: Some(START),
+            judged_by: None,
+        },
         now: now(100.0, 40.0),
         judged_until_s: Some(20.0),
         events,
         health: Vec::new(),
         standing: None,
+        decisions: None,
     }
 }
 
@@ -163,7 +168,7 @@ fn a_shelf_goes_on_with_the_smaller_of_what_was_left_and_what_the_clock_says() {
     // 60 s were left when it was stored, at 40 s of 100 s by the wall clock.
     store.keep(&[batch(vec![event(1, EventKind::Shelved, &full(1))])]).unwrap();
     for (utc_s, left_s) in [(40.0, 60.0), (70.0, 30.0), (-3560.0, 60.0), (3640.0, 0.0)] {
-        let stream = StreamKey { identity: None, start: Some(START) };
+        let stream = StreamKey { identity: None, start: Some(START), judged_by: None };
         let kept = archive.load("rig-1", &stream, now(5.0, utc_s), 1).unwrap();
         let until = kept.alarms[0].silencing.as_ref().unwrap().until.unwrap();
         assert!((until.monotonic_s - 5.0 - left_s).abs() < 1e-6, "{utc_s}: {until:?}");
@@ -177,7 +182,7 @@ fn times_keep_their_instant_in_a_stream_that_begins_later() {
     let (mut store, archive) = open(dir.path());
     store.keep(&[batch(vec![event(1, EventKind::Raised, &full(1))])]).unwrap();
     let load = |start| {
-        let stream = StreamKey { identity: Some("x.h5".to_owned()), start };
+        let stream = StreamKey { identity: Some("x.h5".to_owned()), start, judged_by: None };
         archive.load("rig-1", &stream, now(0.0, 0.0), 1).unwrap()
     };
     let later = load(Some(START.plus_seconds(1000.0)));
@@ -197,7 +202,11 @@ fn a_stream_that_is_another_one_is_judged_from_its_beginning() {
     let (mut store, archive) = open(dir.path());
     store.keep(&[batch(vec![event(1, EventKind::Raised, &plain(1))])]).unwrap();
     let judged = |identity: Option<&str>| {
-        let stream = StreamKey { identity: identity.map(str::to_owned), start: Some(START) };
+        let stream = StreamKey {
+            identity: identity.map(str::to_owned),
+            start: Some(START),
+            judged_by: None,
+        };
         archive.load("rig-1", &stream, now(0.0, 0.0), 1).unwrap().judged_until_s
     };
     assert_eq!(judged(Some("x.h5")), Some(20.0));

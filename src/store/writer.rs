@@ -6,13 +6,20 @@
 
 use super::Batch;
 use super::StateStore;
+use super::events::Happened;
+use super::events::LogEntry;
 use crate::causes::with_causes;
+use crate::signal::Timestamp;
+use std::collections::BTreeSet;
 use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::sync::MutexGuard;
 use std::sync::PoisonError;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering;
+
+/// Transitions that wait for the store and can be told meanwhile; the oldest give way.
+const MAX_TELLABLE: usize = 1000;
 
 /// Events that may wait while the store refuses.
 pub const MAX_WAITING: usize = 20_000;
@@ -41,9 +48,54 @@ pub struct Status {
     n_stored: AtomicU64,
     n_lost: AtomicU64,
     n_waiting: AtomicU64,
+    unstored: Mutex<Unstored>,
+}
+
+/// Transitions that the store refused, in their order, with numbers that rise.
+#[derive(Debug, Default)]
+struct Unstored {
+    entries: VecDeque<(u64, LogEntry)>,
+    n: u64,
+    /// When the store began to refuse, UTC.
+    since: Option<Timestamp>,
 }
 
 impl Status {
+    /// The first transition after number `after` that waits for the store, with its number.
+    #[must_use]
+    pub fn unstored_after(&self, after: u64) -> Option<(u64, LogEntry)> {
+        let unstored = self.unstored.lock().unwrap_or_else(PoisonError::into_inner);
+        unstored.entries.iter().find(|(number, _)| *number > after).cloned()
+    }
+
+    /// Lets transitions of a refused batch be told.
+    fn tell_unstored(&self, batch: &Batch) {
+        let mut unstored = self.unstored.lock().unwrap_or_else(PoisonError::into_inner);
+        let since = *unstored.since.get_or_insert(batch.now.utc);
+        for event in &batch.events {
+            unstored.n += 1;
+            let entry = LogEntry {
+                place: 0,
+                machine: batch.machine.clone(),
+                recorded: batch.now.utc,
+                start: batch.stream.start,
+                refused_since: Some(since),
+                what: Happened::Alarm(Box::new(event.clone())),
+            };
+            let number = unstored.n;
+            unstored.entries.push_back((number, entry));
+        }
+        let too_many = unstored.entries.len().saturating_sub(MAX_TELLABLE);
+        unstored.entries.drain(..too_many);
+    }
+
+    /// Everything is stored: it is told from there.
+    fn forget_unstored(&self) {
+        let mut unstored = self.unstored.lock().unwrap_or_else(PoisonError::into_inner);
+        unstored.entries.clear();
+        unstored.since = None;
+    }
+
     /// Why nothing can be stored at the moment; `None`: it can.
     #[must_use]
     pub fn failure(&self) -> Option<String> {
@@ -100,6 +152,8 @@ pub struct Writer<'s> {
     waiting: VecDeque<Batch>,
     n_waiting: usize,
     max_waiting: usize,
+    /// Of the waiting batches, those that can be told already.
+    n_tellable: usize,
 }
 
 impl std::fmt::Debug for Writer<'_> {
@@ -112,7 +166,8 @@ impl<'s> Writer<'s> {
     /// Begins with nothing waiting.
     #[must_use]
     pub fn new(store: Box<dyn StateStore>, status: &'s Status) -> Self {
-        Self { store, status, waiting: VecDeque::new(), n_waiting: 0, max_waiting: MAX_WAITING }
+        let waiting = VecDeque::new();
+        Self { store, status, waiting, n_waiting: 0, max_waiting: MAX_WAITING, n_tellable: 0 }
     }
 
     /// Lets fewer events wait.
@@ -154,12 +209,18 @@ impl<'s> Writer<'s> {
             Ok(()) => {
                 self.status.n_stored.fetch_add(self.n_waiting as u64, Ordering::Relaxed);
                 self.waiting.clear();
-                self.n_waiting = 0;
+                (self.n_waiting, self.n_tellable) = (0, 0);
+                self.status.forget_unstored();
             }
             Err(why) => {
                 if self.status.failure().is_none() {
                     tracing::error!(why, "alarms cannot be stored, they wait in memory");
                 }
+                for batch in self.waiting.iter().skip(self.n_tellable) {
+                    self.status.tell_unstored(batch);
+                }
+                self.n_tellable = self.waiting.len();
+                self.keep_newest_decisions();
                 self.bound();
             }
         }
@@ -172,11 +233,22 @@ impl<'s> Writer<'s> {
         answer
     }
 
+    /// Of each machine the newest delays alone are kept while batches wait: they are stored in one commit.
+    fn keep_newest_decisions(&mut self) {
+        let mut seen = BTreeSet::new();
+        for batch in self.waiting.iter_mut().rev() {
+            if !seen.insert(batch.machine.as_str()) {
+                batch.decisions = None;
+            }
+        }
+    }
+
     /// Loses the oldest batches beyond the bound.
     fn bound(&mut self) {
         while self.n_waiting > self.max_waiting {
             let Some(oldest) = self.waiting.pop_front() else { break };
             self.n_waiting -= oldest.len();
+            self.n_tellable = self.n_tellable.saturating_sub(1);
             self.status.count_lost(oldest.len());
         }
     }

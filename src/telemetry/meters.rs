@@ -142,6 +142,19 @@ pub struct TrendMetrics {
     pub set_aside: Gauge,
 }
 
+/// What gave way because the disk had no room.
+#[derive(Debug, Clone, Default)]
+pub struct RoomMetrics {
+    /// Recordings.
+    pub recordings: Counter,
+    /// Captures.
+    pub captures: Counter,
+    /// Files of trends.
+    pub trends: Counter,
+    /// Bytes that are free on the disk of the store.
+    pub free: Gauge,
+}
+
 /// Gauges of a simulated source.
 #[derive(Debug, Clone, Default)]
 pub struct SimulationMetrics {

@@ -16,6 +16,7 @@ pub use meters::ChannelMetrics;
 pub use meters::MachineMetrics;
 pub use meters::ReceiverMetrics;
 pub use meters::RecordingMetrics;
+pub use meters::RoomMetrics;
 pub use meters::SimulationMetrics;
 pub use meters::StoreMetrics;
 pub use meters::StreamMetrics;
@@ -106,6 +107,7 @@ pub struct Metrics {
     streams: StreamMetrics,
     trends: TrendMetrics,
     captures: CaptureMetrics,
+    room: RoomMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -156,6 +158,7 @@ impl Metrics {
             streams: StreamMetrics::default(),
             trends: TrendMetrics::default(),
             captures: CaptureMetrics::default(),
+            room: RoomMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -188,6 +191,7 @@ impl Metrics {
         metrics.register_alarms(&mut registry);
         metrics.register_notifications(&mut registry);
         metrics.register_captures(&mut registry);
+        metrics.register_room(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -261,6 +265,23 @@ impl Metrics {
         registry.register("captures_failed", "Captures that could not be made whole", failed);
         registry.register("captures_removed", "Captures that gave way to newer ones", removed);
         registry.register("capture_bytes", "Bytes of the captures in the store", bytes);
+    }
+
+    fn register_room(&self, registry: &mut Registry) {
+        let RoomMetrics { recordings, captures, trends, free } = self.room.clone();
+        let text = "Recordings given up because the disk had no room";
+        registry.register("recordings_given_up", text, recordings);
+        let text = "Captures given up because the disk had no room";
+        registry.register("captures_given_up", text, captures);
+        let text = "Files of trends given up because the disk had no room";
+        registry.register("trend_files_given_up", text, trends);
+        registry.register("store_free_bytes", "Bytes free on the disk of the store", free);
+    }
+
+    /// What gives way when the disk has no room.
+    #[must_use]
+    pub fn room(&self) -> RoomMetrics {
+        self.room.clone()
     }
 
     /// What becomes of captures.

@@ -48,6 +48,20 @@ pub(crate) struct Hook {
     status: Arc<AtomicU16>,
 }
 
+/// A server's side of TLS as `localhost`, and its certificate.
+pub(crate) fn tls() -> (Arc<rustls::ServerConfig>, String) {
+    let made = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).unwrap();
+    let key = rustls_pki_types::PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_no_client_auth()
+        .with_single_cert(vec![made.cert.der().clone()], key.into())
+        .unwrap();
+    (Arc::new(config), made.cert.pem())
+}
+
 impl Hook {
     /// Starts one that answers `status`.
     pub(crate) fn start(status: u16) -> Self {
@@ -58,22 +72,12 @@ impl Hook {
 
     /// Starts one behind TLS, with its certificate.
     pub(crate) fn start_tls() -> (Self, String) {
-        let names = vec!["localhost".to_owned()];
-        let made = rcgen::generate_simple_self_signed(names).unwrap();
-        let key = rustls_pki_types::PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
-        let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let config = rustls::ServerConfig::builder_with_provider(provider)
-            .with_safe_default_protocol_versions()
-            .unwrap()
-            .with_no_client_auth()
-            .with_single_cert(vec![made.cert.der().clone()], key.into())
-            .unwrap();
-        let config = Arc::new(config);
+        let (config, certificate) = tls();
         let hook = Self::listen(200, "https://localhost", move |hook, stream| {
             let connection = rustls::ServerConnection::new(Arc::clone(&config)).unwrap();
             hook.serve(rustls::StreamOwned::new(connection, stream));
         });
-        (hook, made.cert.pem())
+        (hook, certificate)
     }
 
     fn listen(

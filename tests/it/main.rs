@@ -20,6 +20,8 @@ mod rubbish;
 mod recordings;
 mod recorder;
 mod kill;
+mod survive;
+mod disk_full;
 mod trends;
 mod captures;
 mod baseline;

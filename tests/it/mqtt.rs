@@ -1,5 +1,6 @@
 //! MQTT of the running daemon against a real broker in a process of its own, which is killed and comes back.
 
+use crate::hook;
 use crate::support;
 use crate::support::Daemon;
 use rumqttc::Client;
@@ -10,6 +11,9 @@ use rumqttc::QoS;
 use serde_json::Value;
 use serde_json::json;
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::io::Read;
+use std::io::Write;
 use std::net::TcpListener;
 use std::net::TcpStream;
 use std::process::Child;
@@ -20,6 +24,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
 use std::thread;
+use std::time::Duration;
 use tempfile::TempDir;
 
 /// Says to this binary that it is a broker, and where.
@@ -257,4 +262,66 @@ fn a_wrong_password_is_told_as_such_and_not_shown() {
     assert!(metrics.contains("rotorwatch_receiver_failing{receiver=\"plant\"} 1"), "{metrics}");
     let ended = daemon.terminate();
     assert!(!ended.stderr.contains("wr0ng-passw0rd"), "{}", ended.stderr);
+}
+
+/// Copies what there is from one to the other; false: it is over.
+fn pass_on(from: &mut impl Read, to: &mut impl Write) -> bool {
+    let mut bytes = [0; 4096];
+    match from.read(&mut bytes) {
+        Ok(0) => false,
+        Ok(n) => to.write_all(&bytes[..n]).and_then(|()| to.flush()).is_ok(),
+        Err(error) => matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut),
+    }
+}
+
+/// Stands before a broker and speaks TLS 1.2 or 1.3 to clients; gives its port and certificate. What passes is the broker's own.
+fn encrypted(broker: u16) -> (u16, String) {
+    let (config, certificate) = hook::tls();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    thread::spawn(move || {
+        for client in listener.incoming() {
+            let (client, config) = (client.unwrap(), Arc::clone(&config));
+            thread::spawn(move || {
+                let mut broker = TcpStream::connect(("127.0.0.1", broker)).unwrap();
+                for stream in [&client, &broker] {
+                    stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+                }
+                let connection = rustls::ServerConnection::new(config).unwrap();
+                let mut client = rustls::StreamOwned::new(connection, client);
+                while pass_on(&mut client, &mut broker) && pass_on(&mut broker, &mut client) {}
+            });
+        }
+    });
+    (port, certificate)
+}
+
+#[test]
+fn an_encrypted_broker_is_told_only_by_who_trusts_its_certificate() {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let _broker = Broker::start(port);
+    let (encrypted, certificate) = encrypted(port);
+    let reader = Reader::start(port, "reader");
+    let dir = folder(encrypted);
+    let config = std::fs::read_to_string(dir.path().join("serve.toml")).unwrap();
+    let config = config
+        .replace("host = \"127.0.0.1\"", "host = \"localhost\"\ntls = true\nca_file = \"ca.pem\"");
+    std::fs::write(dir.path().join("serve.toml"), config).unwrap();
+    // Another certificate of the same name is not that of the broker.
+    std::fs::write(dir.path().join("ca.pem"), hook::tls().1).unwrap();
+    let mut daemon = Daemon::start_in(dir);
+    let told = support::wait_until("a failure", || {
+        let (_, system) = daemon.get_json("/api/v1/system");
+        system["receivers"][0]["failure"].as_str().map(str::to_owned)
+    });
+    assert!(!told.is_empty() && reader.seen.lock().unwrap().retained.is_empty(), "{told}");
+    daemon.signal("TERM");
+    daemon.child.wait().unwrap();
+    let dir = std::mem::replace(&mut daemon.dir, TempDir::new().unwrap());
+    std::fs::write(dir.path().join("ca.pem"), certificate).unwrap();
+    let daemon = Daemon::start_in(dir);
+    reader.wait_for("plant/availability", |payload| payload == Some("online"));
+    reader.wait_for("plant/rig-1/state", |payload| !state_of(payload).is_empty());
+    assert_eq!(daemon.terminate().status.code(), Some(0));
+    reader.wait_for("plant/availability", |payload| payload == Some("offline"));
 }

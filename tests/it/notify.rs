@@ -117,7 +117,7 @@ fn operate(base_url: &str, id: &str, mut state: String, n_answers: &AtomicU64) {
 }
 
 /// First arrivals by id, after checking that what came again under an id says the same.
-fn first_arrivals(messages: &[Message]) -> Vec<String> {
+pub(crate) fn first_arrivals(messages: &[Message]) -> Vec<String> {
     let mut bodies: BTreeMap<String, String> = BTreeMap::new();
     let mut order = Vec::new();
     for message in messages {
@@ -181,12 +181,6 @@ fn kill_and_restart(n_rounds: u64, seed: u64) {
 #[test]
 fn kills_lose_no_notification_and_double_none_but_by_id() {
     kill_and_restart(6, 3);
-}
-
-#[test]
-#[ignore = "a minute; .ci/run runs it"]
-fn a_hundred_kills_lose_no_notification_and_double_none_but_by_id() {
-    kill_and_restart(100, 4);
 }
 
 /// Verifies with Python's library, nothing of ours.

@@ -246,3 +246,53 @@ fn a_stream_without_a_start_is_at_1970_and_a_retention_that_cannot_fit_is_refuse
         refused.stderr
     );
 }
+
+/// Reads an export as any user of Python would, and prints every number of a channel.
+const READ_WITH_H5PY: &str = "import sys, h5py\n\
+    with h5py.File(sys.argv[1]) as f:\n\
+    \x20   found = {}\n\
+    \x20   f.visititems(lambda name, o: found.update({name: o}) if isinstance(o, h5py.Dataset) else None)\n\
+    \x20   for name in sorted(found):\n\
+    \x20       d = found[name]\n\
+    \x20       if d.dtype.kind == 'f' and d.ndim == 1: print(name, d.shape[0], repr(float(d[0])), repr(float(d[-1])), sep='\\t')\n";
+
+#[test]
+#[ignore = "needs h5py; .ci/run runs it"]
+fn an_export_is_read_by_h5py() {
+    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let has = std::process::Command::new(&python).args(["-c", "import h5py"]).output();
+    if !has.is_ok_and(|output| output.status.success()) {
+        #[expect(clippy::print_stdout, reason = "told in the log of tests")]
+        {
+            println!("SKIPPED an_export_is_read_by_h5py: {python} has no h5py");
+        }
+        return;
+    }
+    let daemon = Daemon::start_in(folder("", "2026-11-22T10:00:00Z"));
+    daemon.wait_finished("rig-1");
+    let windows = wait_stored(&daemon, N_WINDOWS);
+    let dir = &daemon.dir;
+    let out = dir.path().join("trends.h5");
+    command(
+        dir,
+        &["export", "--format", "hdf5", "--feature", "rms", "--out", out.to_str().unwrap()],
+    );
+    let read = std::process::Command::new(&python)
+        .args(["-c", READ_WITH_H5PY])
+        .arg(&out)
+        .output()
+        .unwrap();
+    let text = String::from_utf8(read.stdout).unwrap();
+    assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
+    let values: Vec<f64> = column(&windows, "value").iter().map(|v| v.as_f64().unwrap()).collect();
+    let (first, last) = (values[0], values[values.len() - 1]);
+    let line = text.lines().find(|line| line.contains("rms")).unwrap_or_else(|| panic!("{text}"));
+    let parts: Vec<&str> = line.split('\t').collect();
+    let number = |at: usize| parts[at].parse::<f64>().unwrap();
+    assert_eq!(parts[1], N_WINDOWS.to_string(), "{text}");
+    assert_eq!(
+        (number(2).to_bits(), number(3).to_bits()),
+        (first.to_bits(), last.to_bits()),
+        "{text}"
+    );
+}

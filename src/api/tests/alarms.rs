@@ -273,17 +273,18 @@ async fn older_events_come_from_the_store_as_one_history() {
     let start = sample_view(&before).start_time;
     let batch = Batch {
         machine: "rig-1".to_owned(),
-        stream: StreamKey { identity: None, start },
+        stream: StreamKey { start, ..StreamKey::default() },
         now: Moment::of_stream(0.0),
         judged_until_s: None,
         events: events[..7].to_vec(),
         health: Vec::new(),
         standing: None,
+        decisions: None,
     };
     store.keep(&[batch]).unwrap();
     let mut engine = AlarmEngine::new("rig-1", Settings::default());
     let (alarms, history) = (before.standing(), events[7..].to_vec());
-    let kept = Kept { alarms, history, last_id: 1, last_sequence: 12, judged_until_s: None };
+    let kept = Kept { alarms, history, last_id: 1, last_sequence: 12, ..Kept::default() };
     engine.restore(kept, Moment::of_stream(0.0));
     let service = Service::over(engine, Behaviour::Answers, |_| {});
     let held = service.get("/api/v1/alarms/history").await.json();

@@ -47,6 +47,7 @@ fn service() -> (TempDir, Service, EventsHandle, watch::Sender<u64>) {
         events: events.clone(),
         health: health.clone(),
         standing: None,
+        decisions: None,
     };
     store.keep(&[batch("rig-1"), batch("rig-2")]).unwrap();
     let (handle, told) = handle(dir.path());

@@ -20,13 +20,16 @@ pub const SCHEMA: &str = "rotorwatch.notification/1";
 pub struct TransitionMessageWire {
     /// `rotorwatch.notification/1`.
     pub schema: String,
-    /// `machine#number`: the same however often it is sent.
+    /// `machine#number`: the same however often it is sent. While it is not stored, `machine#number@…`: it is sent
+    /// again, under its own id, when it is.
     pub id: String,
-    /// Its place among everything that happened; rises.
+    /// Whether it is stored; false: the store refuses, and should the daemon be killed now, it is not in the history.
+    pub stored: bool,
+    /// Its place among everything that happened; rises; 0 while it is not stored.
     pub place: u64,
     /// Machine id.
     pub machine: String,
-    /// When it was stored, wall clock.
+    /// When it was stored, or handed to the store that refuses, wall clock.
     pub recorded_at: String,
     /// The transition, with the alarm right after.
     #[serde(flatten)]
@@ -148,9 +151,15 @@ impl TransitionMessageWire {
     /// Makes the JSON of a transition that stands in `entry`.
     #[must_use]
     pub fn new(entry: &LogEntry, event: &AlarmEvent) -> Self {
+        let (machine, number) = (&entry.machine, event.sequence);
+        let id = match entry.refused_since {
+            None => notify::event_id(machine, number),
+            Some(since) => notify::unstored_id(machine, number, since),
+        };
         Self {
             schema: SCHEMA.to_owned(),
-            id: notify::event_id(&entry.machine, event.sequence),
+            id,
+            stored: entry.refused_since.is_none(),
             place: entry.place,
             machine: entry.machine.clone(),
             recorded_at: utc(entry.recorded),

@@ -1,10 +1,11 @@
 //! Windows of a capture that were judged again, as a document.
 
 use super::diagnosis::DiagnosisDocument;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// What `rotorwatch diagnose --evidence` finds in a capture that keeps the windows of an alarm.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, JsonSchema)]
 pub struct EvidenceDocument {
     /// `rotorwatch.evidence/1`.
     pub schema: &'static str,
@@ -23,7 +24,7 @@ pub struct EvidenceDocument {
 }
 
 /// A window judged again.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, JsonSchema)]
 pub struct EvidenceWindowWire {
     /// Start, s of stream time.
     pub from_s: f64,
@@ -42,4 +43,23 @@ pub struct EvidenceWindowWire {
 impl EvidenceDocument {
     /// Its schema.
     pub const SCHEMA: &'static str = "rotorwatch.evidence/1";
+}
+
+/// Makes the JSON Schema of [`EvidenceDocument`].
+#[must_use]
+pub fn json_schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<EvidenceDocument>().to_value()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::json_schema;
+    use crate::api::support::golden;
+
+    #[test]
+    fn committed_schema_is_current() {
+        let text = serde_json::to_string_pretty(&json_schema()).unwrap() + "\n";
+        golden("docs/schemas/evidence-1.schema.json", &text);
+    }
 }

@@ -4,10 +4,11 @@ use super::LevelName;
 use super::finite;
 use super::{FaultName, KindName};
 use crate::alarms::Alarm;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// What `replay-alarms --format json` prints.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RerunDocument {
     /// `rotorwatch.replay-alarms/1`.
     pub schema: String,
@@ -36,7 +37,7 @@ pub struct RerunDocument {
 }
 
 /// A change of a condition.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RerunChangeWire {
     /// When, RFC 3339; counted from 1970-01-01 in a stream without a start.
     pub at: String,
@@ -47,7 +48,7 @@ pub struct RerunChangeWire {
 }
 
 /// An alarm of a rerun: it has no number, as no operator ever saw it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RerunAlarmWire {
     /// diagnosis, limit or data.
     pub source: String,
@@ -81,5 +82,24 @@ impl RerunAlarmWire {
             severity: alarm.severity.and_then(finite),
             why: alarm.why.clone(),
         }
+    }
+}
+
+/// Makes the JSON Schema of [`RerunDocument`].
+#[must_use]
+pub fn json_schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<RerunDocument>().to_value()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::json_schema;
+    use crate::api::support::golden;
+
+    #[test]
+    fn committed_schema_is_current() {
+        let text = serde_json::to_string_pretty(&json_schema()).unwrap() + "\n";
+        golden("docs/schemas/replay-alarms-1.schema.json", &text);
     }
 }

@@ -2,6 +2,8 @@
 
 mod writing;
 
+use super::room::CapturesGiveWay;
+use super::trouble::Troubles;
 use crate::capture::held::Held;
 use crate::capture::received::Received;
 use crate::capture::received::ReceivedChannel;
@@ -21,6 +23,7 @@ use crate::store::captures::CaptureState;
 use crate::store::captures::Ending;
 use crate::store::captures::SqliteCaptures;
 use crate::telemetry::CaptureMetrics;
+use crate::telemetry::RoomMetrics;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
@@ -35,6 +38,10 @@ pub(super) use writing::CapturesPlan;
 
 /// Folder of captures in the store.
 pub(super) const FOLDER: &str = "captures";
+
+/// Why a capture is gone.
+const FOR_NEWER: &str = "it gave way to newer ones (captures.max_bytes)";
+const FOR_ROOM: &str = "it was given up: the disk was full";
 
 /// Jobs that may wait; their bytes are what bounds them.
 const QUEUE: usize = 4096;
@@ -166,7 +173,8 @@ pub(super) fn waiting_bytes(config: &Config, channels: &[ReceivedChannel]) -> us
 pub(super) fn open(
     config: &Config,
     max_waiting: usize,
-    metrics: CaptureMetrics,
+    (metrics, room): (CaptureMetrics, RoomMetrics),
+    (troubles, give_way): (Troubles, Arc<CapturesGiveWay>),
 ) -> Result<Option<Captures>, StoreError> {
     let Some(settings) = config.captures else { return Ok(None) };
     let index: Arc<dyn CaptureIndex> = Arc::new(SqliteCaptures::join(&config.store.directory)?);
@@ -181,7 +189,17 @@ pub(super) fn open(
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
     let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root };
     let configuration = crate::app::build::configuration_hash(config);
-    let plan = CapturesPlan { jobs: inbox, waiting, index, store, configuration, metrics };
+    let plan = CapturesPlan {
+        jobs: inbox,
+        waiting,
+        index,
+        store,
+        configuration,
+        metrics,
+        room,
+        troubles,
+        give_way,
+    };
     Ok(Some(Captures { capturer, plan, handle }))
 }
 
@@ -204,7 +222,7 @@ fn reconcile(
             let n: u64 = samples.iter().map(|(_, n)| n).sum();
             recovered.insert(id_of(file), n);
         }
-        note_removed(index, event);
+        note_removed(index, event, FOR_NEWER);
     }
     let mut query = CaptureQuery { limit: 1000, ..CaptureQuery::default() };
     loop {
@@ -253,9 +271,9 @@ fn id_of(file: &Path) -> String {
     file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
 }
 
-fn note_removed(index: &dyn CaptureIndex, event: &StoreEvent) {
+fn note_removed(index: &dyn CaptureIndex, event: &StoreEvent, why: &str) {
     if let StoreEvent::Removed { file, .. } = event {
-        let note = Some("it gave way to newer ones (captures.max_bytes)".to_owned());
+        let note = Some(why.to_owned());
         let ending = Ending { state: CaptureState::Removed, note, bytes: Some(0), to_s: None };
         if let Err(error) = index.end(&id_of(file), &ending) {
             tracing::error!(error = with_causes(&error), "a removed capture is still in the index");

@@ -3,12 +3,16 @@
 //! A capture is in the index before its file is named, and its file has its name at the first flush; so after a kill
 //! each is listed, with what had reached the disk.
 
+use super::FOR_NEWER;
+use super::FOR_ROOM;
 use super::Job;
 use super::Order;
 use super::id_of;
 use super::log;
 use super::note_removed;
 use crate::app::Clock;
+use crate::app::room::CapturesGiveWay;
+use crate::app::trouble::Troubles;
 use crate::capture::received::Received;
 use crate::capture::recording::file::RecordingHeader;
 use crate::capture::recording::store::Store;
@@ -25,6 +29,7 @@ use crate::store::captures::CaptureIndex;
 use crate::store::captures::CaptureState;
 use crate::store::captures::Ending;
 use crate::telemetry::CaptureMetrics;
+use crate::telemetry::RoomMetrics;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::path::PathBuf;
@@ -52,6 +57,9 @@ pub(in crate::app) struct CapturesPlan {
     pub(super) store: Store,
     pub(super) configuration: String,
     pub(super) metrics: CaptureMetrics,
+    pub(super) room: RoomMetrics,
+    pub(super) troubles: Troubles,
+    pub(super) give_way: Arc<CapturesGiveWay>,
 }
 
 impl std::fmt::Debug for CapturesPlan {
@@ -97,11 +105,36 @@ impl CapturesPlan {
             for key in due {
                 self.flush(key, &mut open);
             }
+            self.give_way();
         }
         for (_, mut left) in open {
             left.note.get_or_insert_with(|| "the program ended before it was complete".to_owned());
             self.close(left);
         }
+    }
+
+    /// Removes the oldest capture if the disk has no room.
+    fn give_way(&mut self) {
+        self.give_way.set_finished(self.store.n_finished());
+        if !self.give_way.take() {
+            return;
+        }
+        if let Some(event) = self.store.give_way() {
+            log(&event);
+            if matches!(event, StoreEvent::Removed { .. }) {
+                self.room.captures.inc();
+            }
+            note_removed(&*self.index, &event, FOR_ROOM);
+        }
+        self.give_way.set_finished(self.store.n_finished());
+        self.show();
+    }
+
+    /// Counts and tells what could not be made whole.
+    fn note_failed(&self, why: &str) {
+        self.metrics.failed.inc();
+        let why = format!("a capture of an alarm is not whole: {why}");
+        self.troubles.lost("captures", why, crate::app::now());
     }
 
     fn take(&mut self, job: Job, open: &mut BTreeMap<u64, Open>, clock: Clock) {
@@ -159,7 +192,7 @@ impl CapturesPlan {
         begun
             .map_err(|why| {
                 tracing::error!(machine, why, "a capture cannot be made");
-                self.metrics.failed.inc();
+                self.note_failed(&why);
                 if let Err(error) = self.index.refuse(&machine, &alarms, &why, at) {
                     tracing::error!(
                         error = with_causes(&error),
@@ -271,7 +304,7 @@ impl CapturesPlan {
     fn give_up(&mut self, key: u64, why: &str, open: &mut BTreeMap<u64, Open>) {
         let Some(failed) = open.remove(&key) else { return };
         tracing::error!(file = %failed.file.display(), why, "a capture is cut off");
-        self.metrics.failed.inc();
+        self.note_failed(why);
         let (id, file, to_s) = (failed.id.clone(), failed.file.clone(), failed.to_s);
         drop(failed);
         self.store.forget(&file);
@@ -297,7 +330,7 @@ impl CapturesPlan {
             Err(error) => {
                 let why = with_causes(&error);
                 tracing::error!(file = %file.display(), why, "a capture cannot be completed");
-                self.metrics.failed.inc();
+                self.note_failed(&why);
                 self.store.forget(&file);
                 let state = CaptureState::Failed;
                 self.note_end(&id, state, Some(why), None, Some(to_s));
@@ -312,7 +345,7 @@ impl CapturesPlan {
             if matches!(event, StoreEvent::Removed { .. }) {
                 self.metrics.removed.inc();
             }
-            note_removed(&*self.index, &event);
+            note_removed(&*self.index, &event, FOR_NEWER);
         }
         self.show();
     }

@@ -17,6 +17,7 @@ use crate::store::events::EventLog;
 use crate::store::events::Happened;
 use crate::store::events::LogEntry;
 use crate::store::events::Receivers;
+use crate::store::writer::Status;
 use crate::telemetry::ReceiverMetrics;
 use std::sync::Arc;
 use tokio::sync::watch;
@@ -29,6 +30,9 @@ const KEEP_EVERY: u64 = 1000;
 
 /// Wait after the log could not be read, s.
 const RETRY_S: f64 = 1.0;
+
+/// Wait after what is not stored could not be sent, s.
+const UNSTORED_RETRY_S: f64 = 5.0;
 
 /// When to come back.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,12 +56,15 @@ pub(super) struct Follower {
     last_delivered: Option<Timestamp>,
     metrics: ReceiverMetrics,
     store_refuses: bool,
+    status: Arc<Status>,
+    /// Number of the last transition that was sent without being stored.
+    told_unstored: u64,
 }
 
 impl Follower {
     /// Goes on where the receiver's progress ended. `limits`: events that may wait, waits between attempts.
     pub(super) fn new(begun: Begun, name: &str, filter: Filter, limits: (usize, Backoff)) -> Self {
-        let Begun { log, receivers, progress, told, metrics } = begun;
+        let Begun { log, receivers, progress, told, metrics, status } = begun;
         let courier = Courier::new(Queue::new(progress, limits.0), limits.1);
         let name = name.to_owned();
         let mut follower = Self {
@@ -71,6 +78,8 @@ impl Follower {
             last_delivered: None,
             metrics,
             store_refuses: false,
+            status,
+            told_unstored: 0,
         };
         // What waits from before the start is told from the start.
         if let Err(error) = follower.read_on() {
@@ -240,12 +249,42 @@ impl Follower {
                 Ok(entry) => entry,
                 Err(due) => {
                     self.keep(false);
-                    return due;
+                    return match due {
+                        Due::Stored => self.carry_unstored(now, send, is_stopping),
+                        Due::At(_) => due,
+                    };
                 }
             };
             let answer = send(&entry);
             self.answered(&answer, now(), jitter());
             self.keep(false);
         }
+    }
+
+    /// Sends what the store refuses, so that a full disk silences no alarm. It is no part of the queue: when it is
+    /// stored, it is sent again as everything is.
+    fn carry_unstored(
+        &mut self,
+        now: &dyn Fn() -> (f64, Timestamp),
+        send: &mut dyn FnMut(&LogEntry) -> Answer,
+        is_stopping: &dyn Fn() -> bool,
+    ) -> Due {
+        while let Some((number, entry)) = self.status.unstored_after(self.told_unstored) {
+            if is_stopping() {
+                break;
+            }
+            let is_wanted = match &entry.what {
+                Happened::Alarm(event) => self.filter.takes(&entry.machine, event),
+                Happened::Health(_) => false,
+            };
+            if is_wanted {
+                let answer = send(&entry);
+                if answer.is_temporary() {
+                    return Due::At(now().0 + UNSTORED_RETRY_S);
+                }
+            }
+            self.told_unstored = number;
+        }
+        Due::Stored
     }
 }

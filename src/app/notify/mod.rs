@@ -21,6 +21,7 @@ use crate::store::audit::AuditLog;
 use crate::store::events::EventLog;
 use crate::store::events::Receivers;
 use crate::store::events::SqliteEvents;
+use crate::store::writer::Status;
 use crate::telemetry::Metrics;
 use crate::telemetry::ReceiverMetrics;
 use crate::telemetry::StreamMetrics;
@@ -49,6 +50,7 @@ struct Shared<'a> {
     log: &'a Arc<dyn EventLog>,
     receivers: &'a Arc<dyn Receivers>,
     metrics: &'a Metrics,
+    status: &'a Arc<Status>,
 }
 
 /// A receiver that is new begins with what happens from now on; what is kept of those no longer configured is
@@ -68,7 +70,7 @@ pub(super) fn plan(
     for name in receivers.forget_others(&names)? {
         tracing::warn!(receiver = name, "is no longer configured: what waited for it is not sent");
     }
-    let shared = Shared { log, receivers, metrics };
+    let shared = Shared { log, receivers, metrics, status: &keeper.status };
     let mut statuses = Vec::new();
     let (mut webhooks, mut brokers) = (Vec::new(), Vec::new());
     for webhook in &settings.webhooks {
@@ -102,6 +104,7 @@ pub(super) struct Begun {
     progress: crate::notify::Progress,
     told: watch::Sender<ReceiverView>,
     metrics: ReceiverMetrics,
+    status: Arc<Status>,
 }
 
 impl Shared<'_> {
@@ -116,7 +119,8 @@ impl Shared<'_> {
         statuses.push(ReceiverStatus { name: name.to_owned(), kind, view });
         let metrics = self.metrics.receiver(name);
         let (log, receivers) = (Arc::clone(self.log), Arc::clone(self.receivers));
-        Ok(Begun { log, receivers, progress, told, metrics })
+        let status = Arc::clone(self.status);
+        Ok(Begun { log, receivers, progress, told, metrics, status })
     }
 }
 

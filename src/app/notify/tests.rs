@@ -10,19 +10,26 @@ use crate::alarms::EventKind;
 use crate::alarms::Level;
 use crate::alarms::Moment;
 use crate::alarms::state::AlarmState;
+use crate::api::wire::events::HappenedWire;
 use crate::diagnosis::fault::ComponentKind;
 use crate::notify::Answer;
 use crate::notify::Backoff;
 use crate::notify::Filter;
+use crate::notify::event_id;
 use crate::signal::Timestamp;
 use crate::store::Batch;
+use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::StreamKey;
 use crate::store::events::Happened;
 use crate::store::events::LogEntry;
 use crate::store::sqlite;
 use crate::store::sqlite::SqliteStore;
+use crate::store::writer::Job;
+use crate::store::writer::Writer;
 use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering;
 use tempfile::TempDir;
 
 const HOUR_S: f64 = 3600.0;
@@ -34,6 +41,7 @@ struct World {
     now: Cell<(f64, f64)>,
     up: Cell<bool>,
     metrics: Metrics,
+    status: Arc<Status>,
 }
 
 impl World {
@@ -41,21 +49,12 @@ impl World {
         let dir = TempDir::new().unwrap();
         let (store, _) = sqlite::open(dir.path()).unwrap();
         let (now, up) = (Cell::new((0.0, 0.0)), Cell::new(true));
-        Self { dir, store, now, up, metrics: Metrics::new() }
+        Self { dir, store, now, up, metrics: Metrics::new(), status: Arc::default() }
     }
 
     fn happen(&mut self, machine: &str, sequences: std::ops::RangeInclusive<u64>, level: Level) {
         let events = sequences.map(|sequence| transition(sequence, level)).collect();
-        let batch = Batch {
-            machine: machine.to_owned(),
-            stream: StreamKey::default(),
-            now: Moment::of_stream(0.0),
-            judged_until_s: None,
-            events,
-            health: Vec::new(),
-            standing: None,
-        };
-        self.store.keep(&[batch]).unwrap();
+        self.store.keep(&[batch(machine, events)]).unwrap();
     }
 
     /// A follower as a start of the daemon makes it.
@@ -70,7 +69,8 @@ impl World {
         let progress = receivers.begin("room").unwrap();
         let (told, view) = watch::channel(ReceiverView::default());
         let metrics = self.metrics.receiver("room");
-        let begun = Begun { log, receivers, progress, told, metrics };
+        let status = Arc::clone(&self.status);
+        let begun = Begun { log, receivers, progress, told, metrics, status };
         (Follower::new(begun, "room", filter, (max_waiting, Backoff::default())), view)
     }
 
@@ -85,10 +85,27 @@ impl World {
                 return Answer::Failed("refuses the connection".to_owned());
             }
             let Happened::Alarm(event) = &entry.what else { panic!("{entry:?}") };
-            arrived.push(format!("{}#{}", entry.machine, event.sequence));
+            let HappenedWire::Alarm(message) = HappenedWire::new(entry) else {
+                panic!("{entry:?}")
+            };
+            assert_eq!(message.stored, message.id == event_id(&entry.machine, event.sequence));
+            arrived.push(message.id);
             Answer::Status(200, None)
         };
         follower.carry(&now, &mut send, &mut || 0.7, &|| false)
+    }
+}
+
+fn batch(machine: &str, events: Vec<AlarmEvent>) -> Batch {
+    Batch {
+        machine: machine.to_owned(),
+        stream: StreamKey::default(),
+        now: Moment::of_stream(0.0),
+        judged_until_s: None,
+        events,
+        health: Vec::new(),
+        standing: None,
+        decisions: None,
     }
 }
 
@@ -209,4 +226,60 @@ fn only_what_was_asked_for_is_sent() {
     assert_eq!(view.borrow().progress.settled_until, 9);
     let other = AlarmEvent { kind: EventKind::Cleared, ..transition(1, Level::Damaged) };
     assert!(!filter.takes("rig-2", &other));
+}
+
+/// A store that refuses until somebody says otherwise.
+struct Refusing {
+    store: SqliteStore,
+    refuses: Arc<AtomicBool>,
+}
+
+impl StateStore for Refusing {
+    fn keep(&mut self, batches: &[Batch]) -> Result<(), StoreError> {
+        if self.refuses.load(Ordering::SeqCst) {
+            return Err(StoreError::Database { doing: "storing", source: "disk is full".into() });
+        }
+        self.store.keep(batches)
+    }
+
+    fn note_configuration(&mut self, entry: &ConfigurationEntry) -> Result<(), StoreError> {
+        self.store.note_configuration(entry)
+    }
+}
+
+#[test]
+fn what_the_store_refuses_is_sent_at_once_and_again_when_it_is_stored() {
+    let World { dir, store, .. } = World::new();
+    let refuses = Arc::new(AtomicBool::new(true));
+    let status = Arc::new(Status::default());
+    let refusing = Refusing { store, refuses: Arc::clone(&refuses) };
+    let mut writer = Writer::new(Box::new(refusing), &status);
+    // Another store stands in its place in the world, which only reads.
+    let store = sqlite::open(TempDir::new().unwrap().path()).unwrap().0;
+    let world = World { dir, store, status: Arc::clone(&status), ..World::new() };
+    let filter = Filter { levels: vec![Level::Damaged], ..Filter::default() };
+    let (mut follower, view) = world.follower(filter, 10);
+    let mut happen = |sequences: std::ops::RangeInclusive<u64>| {
+        let events = sequences
+            .map(|n| transition(n, if n % 2 == 0 { Level::Damaged } else { Level::Warning }));
+        writer.take(vec![Job { batch: batch("rig-1", events.collect()), done: None }])
+    };
+    let mut arrived = Vec::new();
+    assert!(happen(1..=4).is_err());
+    assert_eq!(world.carry(&mut follower, &mut arrived), Due::Stored);
+    assert_eq!(arrived, ["rig-1#2@0", "rig-1#4@0"], "without waiting for the store");
+    // Nothing twice, and a receiver that is away is tried again.
+    world.up.set(false);
+    assert!(happen(5..=6).is_err());
+    assert_eq!(world.carry(&mut follower, &mut arrived), Due::At(5.0));
+    world.up.set(true);
+    world.now.set((5.0, 0.0));
+    assert_eq!(world.carry(&mut follower, &mut arrived), Due::Stored);
+    assert_eq!(arrived[2..], ["rig-1#6@0"]);
+    assert_eq!(view.borrow().progress.n_delivered, 0, "that is counted when it is stored");
+    refuses.store(false, Ordering::SeqCst);
+    happen(7..=8).unwrap();
+    assert_eq!(world.carry(&mut follower, &mut arrived), Due::Stored);
+    assert_eq!(arrived[3..], ["rig-1#2", "rig-1#4", "rig-1#6", "rig-1#8"], "all, in order");
+    assert_eq!(view.borrow().progress.n_delivered, 4);
 }

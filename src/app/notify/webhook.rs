@@ -7,11 +7,9 @@ use crate::app::Clock;
 use crate::app::client;
 use crate::app::client::ClientError;
 use crate::notify::Answer;
-use crate::notify::event_id;
 use crate::notify::settings::Webhook;
 use crate::notify::signature;
 use crate::signal::Timestamp;
-use crate::store::events::Happened;
 use crate::store::events::LogEntry;
 use std::time::Duration;
 use tokio::runtime::Handle;
@@ -93,22 +91,23 @@ impl Sender {
 impl Post {
     /// Posts one transition at `utc`.
     fn send(&self, entry: &LogEntry, utc: Timestamp) -> Answer {
-        let Happened::Alarm(event) = &entry.what else {
+        let message = HappenedWire::new(entry);
+        let HappenedWire::Alarm(transition) = &message else {
             return Answer::Status(204, None);
         };
-        let Ok(body) = HappenedWire::new(entry).text() else {
+        let Ok(body) = message.text() else {
             return Answer::Failed("the event has no JSON form".to_owned());
         };
-        let id = event_id(&entry.machine, event.sequence);
+        let id = &transition.id;
         let timestamp_s = utc.0.div_euclid(1_000_000_000);
         let mut request = self
             .agent
             .post(self.settings.endpoint.uri())
             .header("content-type", "application/json")
-            .header("webhook-id", header_text(&id))
+            .header("webhook-id", header_text(id))
             .header("webhook-timestamp", timestamp_s.to_string());
         if let Some(key) = &self.settings.secret {
-            let signature = signature::sign(key, &header_text(&id), timestamp_s, &body);
+            let signature = signature::sign(key, &header_text(id), timestamp_s, &body);
             request = request.header("webhook-signature", signature);
         }
         for (name, value) in &self.settings.headers {

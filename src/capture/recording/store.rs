@@ -215,6 +215,27 @@ impl Store {
         held.fold(self.damaged_bytes, |sum, bytes| sum.saturating_add(*bytes))
     }
 
+    /// Removes the oldest finished recording because the disk has no room; `None`: there is none.
+    pub fn give_way(&mut self) -> Option<StoreEvent> {
+        while let Some(((at, file), bytes)) = self.finished.pop_first() {
+            match fs::remove_file(&file) {
+                Ok(()) => return Some(StoreEvent::Removed { file, bytes }),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => {
+                    self.finished.insert((at, file.clone()), bytes);
+                    return Some(StoreEvent::Unusable { place: file, error });
+                }
+            }
+        }
+        None
+    }
+
+    /// Recordings that may be removed.
+    #[must_use]
+    pub fn n_finished(&self) -> usize {
+        self.finished.len()
+    }
+
     fn keep_limit(&mut self) -> Vec<StoreEvent> {
         let (mut events, mut stuck) = (Vec::new(), Vec::new());
         let held = self.finished.values().chain(self.growing.values());

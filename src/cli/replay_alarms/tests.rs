@@ -14,9 +14,13 @@ use crate::alarms::limit::Measured;
 use crate::alarms::past::PastStream;
 use crate::alarms::past::PastWindow;
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::OperatingPoint;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::baseline::Usual;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::BaselineUse;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::Coverage;
 use crate::diagnosis::verdict::DataQuality;
@@ -182,6 +186,12 @@ fn diagnosis(component: ComponentDiagnosis, operating_state: OperatingState) -> 
     }
 }
 
+/// A live stream, judged by one configuration.
+fn key(start: Timestamp) -> StreamKey {
+    let judged_by = Some("limits".to_owned());
+    StreamKey { identity: None, start: Some(start), judged_by }
+}
+
 /// Lives `n` windows through the engine of the daemon; everything is stored.
 struct Lived {
     folder: TempDir,
@@ -237,12 +247,13 @@ fn live(machine: &Arc<Machine>, settings: &Settings, n: usize, with_acts: bool) 
         state
             .keep(&[Batch {
                 machine: "m".to_owned(),
-                stream: StreamKey { identity: None, start: Some(START) },
+                stream: key(START),
                 now,
                 judged_until_s: engine.judged_until_s(),
                 events,
                 health: Vec::new(),
                 standing: None,
+                decisions: Some(engine.decisions()),
             }])
             .unwrap();
     }
@@ -358,7 +369,7 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
     // The daemon starts again on another stream, two minutes later, and goes on with what stands.
     let channels = channels();
     let start = START.plus_seconds(lived.end_s + 120.0);
-    let key = StreamKey { identity: None, start: Some(start) };
+    let key = key(start);
     let moment = |stream_s: f64| Moment {
         stream_s,
         monotonic_s: stream_s,
@@ -399,6 +410,7 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
         events: raised,
         health: Vec::new(),
         standing: None,
+        decisions: None,
     };
     state.keep(&[batch]).unwrap();
     drop(state);
@@ -411,4 +423,77 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
         "{:?}",
         answer.notes
     );
+}
+
+#[test]
+fn limits_relative_to_a_baseline_are_held_against_the_one_of_the_time() {
+    let folder = TempDir::new().unwrap();
+    let (_state, _) = sqlite::open(folder.path()).unwrap();
+    let mut trends = SqliteTrends::open(folder.path(), Retention::default()).unwrap();
+    let stream = Arc::new(PastStream {
+        machine: "m".to_owned(),
+        name: "live 1".to_owned(),
+        start: Some(START),
+        begun: START,
+        channels: vec!["x".to_owned(), "y".to_owned()],
+    });
+    // Ten minutes: of the second half the level is three times the usual one.
+    let mut life = Life { random: Pcg64::seed_from_u64(1), rms: 0.5, time_s: 0.0 };
+    let mut minutes: Vec<Minute> = Vec::new();
+    for n in 1..=120_u32 {
+        let (diagnosis, mut features, _) = life.window();
+        let time_s = 5.0 * f64::from(n);
+        let used = BaselineUse {
+            name: "healthy".to_owned(),
+            used: true,
+            reason: String::new(),
+            id: Some("signed".into()),
+            n_windows: 20,
+        };
+        let diagnosis = Diagnosis { baselines: vec![used], components: Vec::new(), ..diagnosis };
+        let value = if n > 60 { 1.2 } else { 0.4 };
+        let unit = Unit::MetrePerSecondSquared;
+        let values = vec![Feature { name: "rms".into(), value, unit }];
+        features.clear();
+        features.push(ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values });
+        let minute = Minute::of(&stream, time_s);
+        if minutes.last().is_none_or(|last| last.minute != minute) {
+            minutes.push(Minute::new(Arc::clone(&stream), minute));
+        }
+        minutes.last_mut().unwrap().push(PastWindow::of(&diagnosis, time_s, &[], START), &features);
+    }
+    trends.keep(&minutes, START).unwrap();
+    let record = Record {
+        name: "healthy".to_owned(),
+        baseline: Some("signed".into()),
+        point: OperatingPoint::default(),
+        usual: BTreeMap::from([(("x".to_owned(), "rms".to_owned()), Usual::of_value(0.4))]),
+        n_windows: 20,
+        left_out: BTreeMap::new(),
+    };
+    let key = (Some("signed".to_owned()), "healthy".to_owned());
+    let asked = |ratio: f64, records: BTreeMap<_, _>| {
+        let limit = format!(
+            "[[limits.alarm]]\nid = 'ratio'\nkind = 'feature'\nfeature = 'rms'\nchannels = ['x']\n\
+             relative_to = 'baseline'\nwarning_above = {ratio}\n"
+        );
+        let question = Question {
+            machine: machine(&limit),
+            settings: Settings::default(),
+            span: (START, START.plus_seconds(601.0)),
+            records,
+        };
+        let archive = sqlite::read_only(folder.path()).unwrap().unwrap();
+        ask(&question, &archive, &SqliteTrendArchive::new(folder.path())).unwrap()
+    };
+    let kept = || BTreeMap::from([(key.clone(), record.clone())]);
+    let raised = |answer: &Answer| {
+        let came = |change: &&super::history::Change| matches!(change.what, What::Came(_));
+        answer.would.iter().filter(came).map(|change| change.at).collect::<Vec<_>>()
+    };
+    assert_eq!(raised(&asked(2.0, kept())), [START.plus_seconds(305.0)]);
+    assert!(raised(&asked(3.5, kept())).is_empty());
+    let without = asked(2.0, BTreeMap::new());
+    assert!(raised(&without).is_empty(), "of no baseline nothing is said");
+    assert!(without.notes.iter().any(|note| note.contains("healthy")), "{:?}", without.notes);
 }

@@ -99,6 +99,7 @@ pub(super) fn read(mut root: Section<'_>) -> Option<Machine> {
         channels: &channels,
         sensors: &sensors,
         iso_group: head.as_ref().and_then(|(_, _, iso_group, _)| *iso_group),
+        speed: shafts.as_ref().and_then(|all| all.first()?.nominal_speed),
     };
     let (limits, alarm_limits) =
         limits.map(|section| limits::read(section, &parts)).unwrap_or_default();

@@ -20,6 +20,7 @@ use crate::machine::alarm_limit::Thresholds;
 use crate::machine::limits::IsoGroup;
 use crate::machine::limits::Limits;
 use crate::machine::limits::VelocityZones;
+use crate::machine::limits::shaft_zones;
 use crate::machine::sensor::Sensor;
 use crate::machine::sensor::SensorKind;
 use crate::units::Hz;
@@ -50,6 +51,8 @@ const HYSTERESIS_PERCENT: f64 = 5.0;
 /// Kinds of limits with their spelling.
 const KINDS: &[(&str, Kind)] = &[
     ("velocity_rms", Kind::VelocityRms),
+    ("displacement_rms", Kind::DisplacementRms),
+    ("shaft_displacement", Kind::ShaftDisplacement),
     ("gap", Kind::Gap),
     ("band", Kind::Band),
     ("order", Kind::Order),
@@ -66,6 +69,8 @@ const STATES: [&str; 4] = ["running", "transient", "stopped", "unknown"];
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     VelocityRms,
+    DisplacementRms,
+    ShaftDisplacement,
     Gap,
     Band,
     Order,
@@ -82,6 +87,8 @@ pub(super) struct Parts<'p, 's> {
     pub(super) channels: &'p Ids<'s>,
     pub(super) sensors: &'p [Option<Sensor>],
     pub(super) iso_group: Option<IsoGroup>,
+    /// Nominal speed of the first shaft.
+    pub(super) speed: Option<Hz>,
 }
 
 /// Reads `[limits]`.
@@ -177,6 +184,7 @@ impl LimitReader<'_, '_, '_> {
             Kind::VelocityRms | Kind::VelocityChange => {
                 return (Unit::MillimetrePerSecond, 1.0);
             }
+            Kind::DisplacementRms | Kind::ShaftDisplacement => return (Unit::Micrometre, 1.0),
             Kind::Vote => return (Unit::One, 1.0),
             Kind::Gap
             | Kind::Band
@@ -204,6 +212,8 @@ impl LimitReader<'_, '_, '_> {
     fn quantity(&mut self, kind: Kind, factor: f64) -> Option<Quantity> {
         match kind {
             Kind::VelocityRms => Some(Quantity::VelocityRms),
+            Kind::DisplacementRms => Some(Quantity::DisplacementRms),
+            Kind::ShaftDisplacement => Some(Quantity::PeakToPeak),
             Kind::Gap => Some(Quantity::Gap),
             Kind::Band => {
                 let band = self.section.interval("band_hz", FREQUENCY_HZ);
@@ -269,8 +279,8 @@ impl LimitReader<'_, '_, '_> {
     /// Sensors by their channels, or all that the kind applies to.
     fn sensors(&mut self, kind: Kind, unit: Unit) -> Vec<usize> {
         let applies = |sensor: &Sensor| match kind {
-            Kind::Gap => sensor.kind == SensorKind::Proximitor,
-            Kind::VelocityRms | Kind::VelocityChange => {
+            Kind::Gap | Kind::ShaftDisplacement => sensor.kind == SensorKind::Proximitor,
+            Kind::VelocityRms | Kind::DisplacementRms | Kind::VelocityChange => {
                 matches!(sensor.kind, SensorKind::Accelerometer | SensorKind::Velocity)
             }
             Kind::Band
@@ -284,7 +294,7 @@ impl LimitReader<'_, '_, '_> {
             kind == Kind::Feature
                 || unit == Unit::One
                 || sensor.canonical_unit().is_none_or(|own| own == unit)
-                || matches!(kind, Kind::VelocityRms | Kind::VelocityChange)
+                || matches!(kind, Kind::VelocityRms | Kind::DisplacementRms | Kind::VelocityChange)
         };
         let fits = |sensor: &Sensor| applies(sensor) && has_unit(sensor);
         let sensors = self.parts.sensors;
@@ -335,7 +345,12 @@ impl LimitReader<'_, '_, '_> {
         );
         let by_speed = rows.map_or(Vec::new(), |rows| self.by_speed(&rows, factor));
         let zones = self.parts.iso_group.and_then(IsoGroup::velocity_zones);
-        let from_zones = self.of_zones(kind, zones, baseline);
+        let is_displacement = matches!(kind, Kind::DisplacementRms | Kind::ShaftDisplacement);
+        let from_zones = if is_displacement {
+            self.of_displacements(kind)
+        } else {
+            self.of_zones(kind, zones, baseline)
+        };
         let thresholds = Thresholds {
             warning_above: stated.warning_above.or(from_zones.warning_above),
             damaged_above: stated.damaged_above.or(from_zones.damaged_above),
@@ -349,7 +364,11 @@ impl LimitReader<'_, '_, '_> {
             return (Thresholds::default(), by_speed);
         }
         if thresholds.is_empty() {
-            let keys = "warning_above or damaged_above, by_speed, or iso_group where it applies";
+            let keys = if kind == Kind::ShaftDisplacement {
+                "warning_above or damaged_above, by_speed, or max_speed_hz between 16.67 and 500"
+            } else {
+                "warning_above or damaged_above, by_speed, or iso_group where it applies"
+            };
             self.section.missing("warning_above", keys);
         }
         (thresholds, by_speed)
@@ -377,6 +396,18 @@ impl LimitReader<'_, '_, '_> {
             }
             _ => none,
         }
+    }
+
+    /// Limits of a displacement that follow from the machine's ISO group, or from the speed of its shaft.
+    fn of_displacements(&mut self, kind: Kind) -> Thresholds {
+        let zones = if kind == Kind::ShaftDisplacement {
+            let range = NumberRange::positive_up_to(1e6);
+            let stated = self.section.number("max_speed_hz", Need::Optional, range).map(Hz);
+            stated.or(self.parts.speed).and_then(shaft_zones)
+        } else {
+            self.parts.iso_group.and_then(IsoGroup::displacement_zones)
+        };
+        zones.map_or(Thresholds::default(), Thresholds::of_displacement_zones)
     }
 
     fn check_order(&self, thresholds: &Thresholds) {
@@ -430,6 +461,8 @@ impl LimitReader<'_, '_, '_> {
         let default = match kind {
             Kind::Gap | Kind::Vote => JudgedIn::ALWAYS,
             Kind::VelocityRms
+            | Kind::DisplacementRms
+            | Kind::ShaftDisplacement
             | Kind::Band
             | Kind::Order
             | Kind::NotOnce

@@ -93,3 +93,30 @@ fn two_limits_of_one_name_are_a_mistake() {
     let found = read(&format!("{one}{one}")).unwrap_err().to_string();
     assert!(found.contains("a id used once"), "{found}");
 }
+
+#[test]
+fn displacements_have_the_zones_of_the_group_and_of_the_speed() {
+    let text = format!("{HEAD}{}", limit("displacement_rms", ""));
+    let machine =
+        parse(&text.replace("id = 'm'", "id = 'm'\niso_group = '2-rigid'"), "m.toml").unwrap();
+    let found = &machine.alarm_limits.limits[0];
+    assert_eq!((found.sensors.as_slice(), found.unit), (&[0, 1][..], Unit::Micrometre));
+    assert_eq!(
+        (found.thresholds.warning_above, found.thresholds.damaged_above),
+        (Some(45.0), Some(71.0))
+    );
+    assert!(read(&limit("displacement_rms", "")).unwrap_err().to_string().contains("iso_group"));
+    // 10 Hz are 600 r/min, below what the formula is for; 25 Hz are 1500.
+    let text = read(&limit("shaft_displacement", "")).unwrap_err().to_string();
+    assert!(text.contains("max_speed_hz between 16.67 and 500"), "{text}");
+    let machine =
+        read(&limit("shaft_displacement", "max_speed_hz = 25\ndamaged_above = 400")).unwrap();
+    let found = &machine.alarm_limits.limits[0];
+    assert_eq!(
+        (found.sensors.as_slice(), found.quantity.clone()),
+        (&[2][..], Quantity::PeakToPeak)
+    );
+    let warning = found.thresholds.warning_above.unwrap();
+    assert!((warning - 9000.0 / 1500.0_f64.sqrt()).abs() < 1e-9);
+    assert_eq!(found.thresholds.damaged_above, Some(400.0), "what is stated comes first");
+}

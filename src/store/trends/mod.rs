@@ -14,6 +14,7 @@ mod period;
 mod open;
 mod file;
 mod roll;
+mod settled;
 mod retention;
 mod sqlite;
 mod read;

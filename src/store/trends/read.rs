@@ -17,6 +17,8 @@ use super::file::gather;
 use super::period::Period;
 use super::retention;
 use super::roll;
+use super::settled;
+use super::settled::Settled;
 use super::sqlite::FOLDER;
 use super::sqlite::read_minute;
 use super::table::MAX_VALUES;
@@ -38,11 +40,13 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct SqliteTrendArchive {
     folder: PathBuf,
+    settled: Settled,
 }
 
 /// One question: the files it has opened.
 struct Reading<'a> {
     folder: &'a Path,
+    settled: &'a Settled,
     files: BTreeMap<Period, Option<TrendFile>>,
     unreadable: Vec<String>,
     /// Blocks of a tier that are made of the finer one, by stream.
@@ -62,12 +66,17 @@ impl SqliteTrendArchive {
     /// Reads the trends in the store's `directory`.
     #[must_use]
     pub fn new(directory: &Path) -> Self {
-        Self { folder: directory.join(FOLDER) }
+        Self { folder: directory.join(FOLDER), settled: Settled::default() }
     }
 
     fn reading(&self) -> Reading<'_> {
-        let folder = &self.folder;
-        Reading { folder, files: BTreeMap::new(), unreadable: Vec::new(), dirty: BTreeMap::new() }
+        Reading {
+            folder: &self.folder,
+            settled: &self.settled,
+            files: BTreeMap::new(),
+            unreadable: Vec::new(),
+            dirty: BTreeMap::new(),
+        }
     }
 
     /// The periods of a tier that hold any of these blocks and have a file in it or in a finer tier.
@@ -135,8 +144,12 @@ impl Reading<'_> {
     ) -> Result<Vec<Arc<PastStream>>, StoreError> {
         let mut found: BTreeMap<String, Arc<PastStream>> = BTreeMap::new();
         let mut level = Some((tier, periods.clone()));
-        while let Some((tier, periods)) = level {
+        while let Some((held_tier, periods)) = level {
             for period in &periods {
+                // Of a finer file that is made coarser as a whole, the coarser one has the streams.
+                if held_tier != tier && self.settled.has(self.folder, *period) {
+                    continue;
+                }
                 let held = self.with(*period, |file| Ok(Some(file.streams(machine)?)))?;
                 for (_, stream) in held.unwrap_or_default() {
                     let newer = |old: &Arc<PastStream>| old.begun >= stream.begun;
@@ -145,7 +158,7 @@ impl Reading<'_> {
                     }
                 }
             }
-            level = tier.finer().map(|finer| (finer, self.periods_below(finer, &periods)));
+            level = held_tier.finer().map(|finer| (finer, self.periods_below(finer, &periods)));
         }
         let unstarted = found.values().filter(|stream| stream.start.is_none());
         let newest = unstarted.max_by_key(|stream| stream.begun).map(|stream| stream.name.clone());
@@ -170,6 +183,11 @@ impl Reading<'_> {
         let below = self.periods_below(finer, periods);
         self.note_dirty(finer, &below)?;
         for period in below {
+            if self.settled.has(self.folder, period) {
+                continue;
+            }
+            // Looked at before it is read: what changes meanwhile is seen the next time.
+            let stamp = settled::stamp(self.folder, period);
             let marks = self.with(period, |file| {
                 let mut named = Vec::new();
                 for (block, id) in file.dirty()? {
@@ -177,6 +195,9 @@ impl Reading<'_> {
                 }
                 Ok(Some(named))
             })?;
+            if marks.as_ref().is_some_and(Vec::is_empty) {
+                self.settled.note(period, stamp);
+            }
             for (block, name) in marks.unwrap_or_default() {
                 self.dirty.entry((tier, name)).or_default().insert(block);
             }
@@ -309,8 +330,8 @@ impl TrendArchive for SqliteTrendArchive {
         let blocks = (tier.block_at(query.from), tier.block_at(Timestamp(query.to.0 - 1)));
         let periods = self.periods(tier, blocks);
         let mut reading = self.reading();
-        let streams = reading.streams(&query.machine, tier, &periods)?;
         reading.note_dirty(tier, &periods)?;
+        let streams = reading.streams(&query.machine, tier, &periods)?;
         let (kind, name) = match &query.subject {
             Subject::Channel(name) => ("", name.as_str()),
             Subject::Component(kind, id) => (kind.name(), id.as_str()),

@@ -142,3 +142,28 @@ fn the_projection_holds_what_noise_takes() {
     let more = project(&Retention::default(), 4, 5.0, None).total();
     assert!(more < 20_000_000_000, "the defaults fit a small machine: {more}");
 }
+
+#[test]
+fn a_file_that_was_made_coarser_is_read_again_when_it_changes() {
+    let folder = TempDir::new().unwrap();
+    let stream = stream("m", "s", Some(START));
+    let mut store = open(&folder);
+    store.keep(&minutes(&stream, every_5_s(24)), START).unwrap();
+    tidy(&mut store);
+    drop(store);
+    let archive = SqliteTrendArchive::new(folder.path());
+    let ask = || archive.trend(&query(Tier::Hours)).unwrap();
+    let first = ask();
+    assert!(!first.time_s.is_empty());
+    assert_eq!(ask(), first, "from what is known of the files");
+    // More comes to the same day: made coarser on the way out, then stored.
+    let mut store = open(&folder);
+    store.keep(&minutes(&stream, every_5_s(24).map(|t| t + 7200.0)), START).unwrap();
+    let more = ask();
+    assert!(more.time_s.len() > first.time_s.len(), "{more:?}");
+    tidy(&mut store);
+    assert_eq!(ask(), more);
+    drop(store);
+    assert_eq!(ask(), more);
+    assert_eq!(ask(), more);
+}
