@@ -35,10 +35,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("plot", &[]),
     ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
     ("notify", &["units", "signal", "machine", "features", "diagnosis", "alarms"]),
+    ("wire", &[]),
     ("causes", &[]),
     ("capture", &["units", "signal", "machine", "causes"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
-    ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
+    ("ingest", &["units", "signal", "machine", "simulator", "wire", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
     ("store", &["units", "signal", "features", "diagnosis", "alarms", "notify", "causes"]),
     (
@@ -57,6 +58,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "evaluation",
             "plot",
             "notify",
+            "wire",
             "capture",
             "ingest",
             "store",
@@ -119,6 +121,7 @@ const CORE: &[&str] = &[
     "plot",
     "html",
     "notify",
+    "wire",
 ];
 
 /// What a core module may not mention.
