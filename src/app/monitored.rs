@@ -8,6 +8,7 @@ use super::keeper::MachineKeeper;
 use super::learning::Seen;
 use super::link::Input;
 use super::link::Losses;
+use super::live::opening::Opener;
 use super::trend::TrendStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
@@ -22,6 +23,7 @@ use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
+use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::notify::HealthChange;
 use crate::notify::HealthWatch;
@@ -67,6 +69,8 @@ pub struct Opened {
     pub keeper: MachineKeeper,
     /// Way of trends to the store; `None`: they are not stored.
     pub trending: Option<Trending>,
+    /// Opens the streams of live senders; `None`: the stream is known from the start.
+    pub opener: Option<Opener>,
 }
 
 /// The machine.
@@ -90,6 +94,8 @@ pub struct Monitored {
     trends: Vec<TrendStore>,
     /// Their way to the store.
     trending: Option<Trending>,
+    /// What opens the stream of live senders.
+    opener: Option<Opener>,
     /// The windows behind them.
     seen: Seen,
     losses: Arc<Losses>,
@@ -126,6 +132,7 @@ impl Monitored {
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
             trending: opened.trending,
+            opener: opened.opener,
             seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
@@ -156,6 +163,7 @@ impl Monitored {
                     monitor.count_rejected(n_samples, &reason);
                 }
             }
+            Input::Open(info) => self.open(&info, queue_bytes),
             Input::Source(state) => {
                 self.note_source(state);
                 if self.source == SourceState::Finished {
@@ -174,6 +182,42 @@ impl Monitored {
                 self.publish(queue_bytes);
             }
         }
+    }
+
+    /// Goes on with another stream: the alarms stay, rings and windows begin anew.
+    fn open(&mut self, info: &StreamInfo, queue_bytes: usize) {
+        let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
+        self.take_outcomes(outcomes, None, queue_bytes);
+        self.trending.iter_mut().for_each(Trending::close);
+        if let Some(capturing) = &mut self.capturing {
+            capturing.reached(None);
+        }
+        let now = self.alarming.moment(self.stream_time_s());
+        let alarms = self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms);
+        let Some(opener) = &mut self.opener else { return };
+        let fresh = match opener.open(info, alarms, now) {
+            Ok(fresh) => fresh,
+            Err(reason) => {
+                self.note_source(SourceState::Failed(reason));
+                self.publish(queue_bytes);
+                return;
+            }
+        };
+        let mut monitor = fresh.monitor;
+        if let Some(capturing) = &fresh.capturing {
+            capturing.prepare(&mut monitor);
+        }
+        let channels = monitor.channels().to_vec();
+        self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
+        self.trends = vec![TrendStore::default(); channels.len()];
+        self.channels = Arc::new(channels);
+        self.monitor = Some(monitor);
+        self.capturing = fresh.capturing;
+        self.trending = Some(fresh.trending);
+        self.seen = Seen::default();
+        self.features = Arc::default();
+        self.keep(fresh.alarm_events, Vec::new());
+        self.publish(queue_bytes);
     }
 
     /// Exchanges the kept plans: those of the shard go where the work is, so that machines need none of their own.
@@ -296,7 +340,8 @@ impl Monitored {
 
     fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
         self.alarming.note_block(arrived);
-        if self.source == SourceState::Starting {
+        let is_back = self.opener.is_some() && self.source == SourceState::Finished;
+        if self.source == SourceState::Starting || is_back {
             self.note_source(SourceState::Running);
             self.publish(queue_bytes);
         }
@@ -385,7 +430,13 @@ impl Monitored {
     }
 
     fn stream_time_s(&self) -> f64 {
-        newest_time_s(&self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default())
+        let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
+        let is_empty = rings.iter().all(|ring| ring.received == 0);
+        match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
+            // Before the first sample of live senders only the clock says what time it is.
+            Some(start) => (super::wall_clock().0.saturating_sub(start.0)) as f64 / 1e9,
+            None => newest_time_s(&rings),
+        }
     }
 }
 
@@ -451,6 +502,11 @@ impl Meters {
             channels: channels.iter().map(counted).collect(),
             blocks_dropped: 0,
         }
+    }
+
+    /// Counts for the channels of another stream.
+    fn take_channels(&mut self, metrics: &Metrics, machine: &str, channels: &[ChannelInfo]) {
+        self.channels = Self::new(metrics, machine, channels).channels;
     }
 
     /// Adds what was counted since the last time.
