@@ -101,7 +101,7 @@ fn listen(
         return Err("the daemon has closed the connection".into());
     }
     frames.filled(n);
-    while let Some((message, _)) = frames.next()? {
+    while let Some((message, _)) = frames.take()? {
         match message {
             Message::Welcome(welcome) => *credit = usize::try_from(welcome.credit_bytes)?,
             Message::Ack(ack) => {

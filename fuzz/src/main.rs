@@ -24,12 +24,12 @@ fuzz_target!(|bytes: &[u8]| {
 fn read(bytes: &[u8]) {
     let mut frames = wire::Frames::default();
     frames.push(bytes);
-    while let Ok(Some((message, _))) = frames.next() {
+    while let Ok(Some((message, _))) = frames.take() {
         let mut again = Vec::new();
         wire::encode(&message, &mut again).expect("what was read can be written");
         let mut frames = wire::Frames::default();
         frames.push(&again);
-        let (read, _) = frames.next().expect("a frame").expect("as a whole");
+        let (read, _) = frames.take().expect("a frame").expect("as a whole");
         // NaN is not equal to itself, so bytes are compared.
         let mut once_more = Vec::new();
         wire::encode(&read, &mut once_more).expect("what was read can be written");

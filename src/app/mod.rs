@@ -19,6 +19,7 @@ mod capturing;
 mod captures;
 mod baselines;
 mod learning;
+mod metering;
 pub mod monitored;
 pub mod shard;
 pub mod outlet;

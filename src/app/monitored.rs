@@ -9,6 +9,7 @@ use super::learning::Seen;
 use super::link::Input;
 use super::link::Losses;
 use super::live::opening::Opener;
+use super::metering::Meters;
 use super::trend::TrendStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
@@ -35,8 +36,6 @@ use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
 use crate::signal::Timestamp;
-use crate::telemetry::ChannelMetrics;
-use crate::telemetry::MachineMetrics;
 use crate::telemetry::Metrics;
 use std::panic::AssertUnwindSafe;
 use std::panic::catch_unwind;
@@ -481,43 +480,5 @@ fn empty_view() -> MachineView {
         alarm_load: Load::default(),
         queue_bytes: 0,
         dropped: (0, 0),
-    }
-}
-
-/// The machine's counters, and the counts they have been given.
-#[derive(Debug)]
-struct Meters {
-    machine: MachineMetrics,
-    channels: Vec<(ChannelMetrics, RingStatus)>,
-    blocks_dropped: u64,
-}
-
-impl Meters {
-    fn new(metrics: &Metrics, machine: &str, channels: &[ChannelInfo]) -> Self {
-        let counted = |channel: &ChannelInfo| {
-            (metrics.channel(machine, &channel.name), RingStatus::default())
-        };
-        Self {
-            machine: metrics.machine(machine),
-            channels: channels.iter().map(counted).collect(),
-            blocks_dropped: 0,
-        }
-    }
-
-    /// Counts for the channels of another stream.
-    fn take_channels(&mut self, metrics: &Metrics, machine: &str, channels: &[ChannelInfo]) {
-        self.channels = Self::new(metrics, machine, channels).channels;
-    }
-
-    /// Adds what was counted since the last time.
-    fn update(&mut self, rings: &[RingStatus], blocks_dropped: u64) {
-        for ((counters, before), now) in self.channels.iter_mut().zip(rings) {
-            counters.received.inc_by(now.received - before.received);
-            counters.missing.inc_by(now.missing - before.missing);
-            counters.duplicated.inc_by(now.duplicated - before.duplicated);
-            *before = *now;
-        }
-        self.machine.blocks_dropped.inc_by(blocks_dropped - self.blocks_dropped);
-        self.blocks_dropped = blocks_dropped;
     }
 }

@@ -99,7 +99,7 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
     let no_address = || Failure::Address { to: arguments.to.clone() };
     let address = arguments.to.strip_prefix("tcp://").ok_or_else(no_address)?;
     let address = address.trim_end_matches('/');
-    if !address.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok()) {
+    if address.rsplit_once(':').is_none_or(|(_, port)| port.parse::<u16>().is_err()) {
         return Err(no_address());
     }
     let token = arguments.token_file.as_ref().map(token).transpose()?.unwrap_or_default();
@@ -140,7 +140,7 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
     let begun = app::now();
     let start = app::wall_clock().plus_seconds(-ahead_s);
     let mut n_samples = 0_u64;
-    while let Some(out) = outlet.next()? {
+    while let Some(out) = outlet.take()? {
         if let Speed::Times(factor) = arguments.speed {
             let due = Duration::try_from_secs_f64(out.time_s.1 / factor).unwrap_or_default();
             client::wait_until(begun + due);

@@ -74,7 +74,7 @@ impl Outlet {
     ///
     /// # Errors
     /// When the capture cannot be read further.
-    pub fn next(&mut self) -> Result<Option<Outgoing>, ReplayError> {
+    pub fn take(&mut self) -> Result<Option<Outgoing>, ReplayError> {
         loop {
             let earliest = self.earliest();
             if let Some((stream, end_s)) = earliest
@@ -258,7 +258,7 @@ mod tests {
         let mut outlet = Outlet::new(stream());
         assert_eq!(outlet.channels()[1].unit, "", "a unit that is none is not said");
         let (mut ends, mut next, mut sequences) = (Vec::new(), [Vec::new(), Vec::new()], [0, 0]);
-        while let Some(block) = outlet.next().unwrap() {
+        while let Some(block) = outlet.take().unwrap() {
             let stream = usize::from(block.stream);
             assert_eq!(block.sequence, sequences[stream]);
             sequences[stream] += 1;

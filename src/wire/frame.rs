@@ -93,7 +93,7 @@ impl Frames {
             (self.begin, self.end) = (0, self.end - self.begin);
         }
         if self.bytes.len() - self.end < STEP_BYTES / 2 {
-            // No further than a frame needs: `next` refuses a longer one before it comes here.
+            // No further than a frame needs: `take` refuses a longer one before it comes here.
             self.bytes.resize(self.end + STEP_BYTES.max(self.end), 0);
         }
         &mut self.bytes[self.end..]
@@ -131,7 +131,7 @@ impl Frames {
     ///
     /// # Errors
     /// When the bytes are no frame; nothing that follows can be one then.
-    pub fn next(&mut self) -> Result<Option<(Message<'_>, usize)>, WireError> {
+    pub fn take(&mut self) -> Result<Option<(Message<'_>, usize)>, WireError> {
         let there = &self.bytes[self.begin..self.end];
         let Some(n) = frame_bytes(there)?.filter(|n| *n <= there.len()) else { return Ok(None) };
         let frame = &self.bytes[self.begin..self.begin + n];

@@ -153,7 +153,7 @@ fn corpus() -> Vec<Owned> {
 fn read(bytes: &[u8], mut see: impl FnMut(Message<'_>)) -> Result<(), WireError> {
     let mut frames = Frames::default();
     frames.push(bytes);
-    while let Some((message, _)) = frames.next()? {
+    while let Some((message, _)) = frames.take()? {
         see(message);
     }
     Ok(())
@@ -168,7 +168,7 @@ proptest! {
         let bytes: Vec<u8> = messages.iter().flat_map(Owned::frame).collect();
         let (mut frames, mut n_read, mut at) = (Frames::default(), 0, 0);
         for i in 0.. {
-            while let Some((message, _)) = frames.next().unwrap() {
+            while let Some((message, _)) = frames.take().unwrap() {
                 prop_assert_eq!(message, messages[n_read].message());
                 n_read += 1;
             }
@@ -273,19 +273,19 @@ fn nothing_is_allocated_from_a_declared_length() {
     let mut header = [b'R', b'W', VERSION, 3, 0, 0, 0, 0, 0, 0, 0, 0];
     header[4..8].copy_from_slice(&u32::try_from(MAX_PAYLOAD_BYTES).unwrap().to_le_bytes());
     frames.push(&header);
-    assert_eq!(frames.next(), Ok(None));
+    assert_eq!(frames.take(), Ok(None));
     assert!(frames.capacity() <= 1 << 17, "{}", frames.capacity());
     header[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
     let mut frames = Frames::default();
     frames.push(&header);
-    assert!(matches!(frames.next(), Err(WireError::TooLarge { .. })));
+    assert!(matches!(frames.take(), Err(WireError::TooLarge { .. })));
     // As much as a frame may have, and no more memory than twice that and a read.
     let mut frames = Frames::default();
     header[4..8].copy_from_slice(&u32::try_from(MAX_PAYLOAD_BYTES).unwrap().to_le_bytes());
     frames.push(&header);
     for _ in 0..MAX_PAYLOAD_BYTES / 1024 - 1 {
         frames.push(&[0; 1024]);
-        assert_eq!(frames.next(), Ok(None));
+        assert_eq!(frames.take(), Ok(None));
     }
     assert!(frames.capacity() <= 2 * MAX_PAYLOAD_BYTES + (1 << 17), "{}", frames.capacity());
 }

@@ -70,9 +70,9 @@ impl Sender {
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         let mut sender = Self { stream, frames: Frames::default() };
         sender.say(&Message::Hello(hello));
-        let wanted = sender.until(|message| match message {
-            Message::Welcome(welcome) => Some(welcome.wanted[0]),
-            _ => None,
+        let wanted = sender.until(|message| {
+            let Message::Welcome(welcome) = message else { return None };
+            Some(welcome.wanted[0])
         });
         (sender, wanted)
     }
@@ -89,7 +89,7 @@ impl Sender {
 
     fn until<T>(&mut self, is_it: impl Fn(&Message<'_>) -> Option<T>) -> T {
         loop {
-            while let Some((message, _)) = self.frames.next().unwrap() {
+            while let Some((message, _)) = self.frames.take().unwrap() {
                 if let Some(found) = is_it(&message) {
                     return found;
                 }
@@ -304,7 +304,7 @@ fn rubbish_gets_a_name_and_a_counter() {
             let n = stream.read(frames.space()).unwrap();
             assert!(n > 0, "closed without a word");
             frames.filled(n);
-            if let Some((Message::Problem(problem), _)) = frames.next().unwrap() {
+            if let Some((Message::Problem(problem), _)) = frames.take().unwrap() {
                 return problem.code.name();
             }
         }
@@ -315,9 +315,9 @@ fn rubbish_gets_a_name_and_a_counter() {
     sender.settle();
     // A time of the future ends the connection, and nothing else.
     sender.stream.write_all(&frame(1, ago(60) + 3_600_000_000_000)).unwrap();
-    let code = sender.until(|message| match message {
-        Message::Problem(problem) => Some(problem.code.name()),
-        _ => None,
+    let code = sender.until(|message| {
+        let Message::Problem(problem) = message else { return None };
+        Some(problem.code.name())
     });
     assert_eq!(code, "time-ahead");
     for (code, n) in [("malformed", 1.0), ("time-ahead", 1.0)] {

@@ -130,7 +130,7 @@ impl Translator {
     pub fn text(&self, frame: &[u8]) -> Option<String> {
         let mut frames = Frames::default();
         frames.push(frame);
-        let (message, _) = frames.next().ok()??;
+        let (message, _) = frames.take().ok()??;
         let name = |stream: usize| self.channels.get(stream).map_or("", String::as_str);
         let told = match &message {
             Message::Welcome(welcome) => Told::Welcome {
@@ -194,14 +194,14 @@ mod tests {
         let block = r#"{"type":"block","channel":"x","sequence":3,"first":30,"time":"2023-11-14T22:13:20Z","samples":[1.5,null]}"#;
         frames.push(&translator.frame(block).unwrap());
         frames.push(&translator.frame(r#"{"type":"bye","end":true}"#).unwrap());
-        let (Message::Hello(hello), _) = frames.next().unwrap().unwrap() else { panic!("hello") };
+        let (Message::Hello(hello), _) = frames.take().unwrap().unwrap() else { panic!("hello") };
         assert_eq!((hello.machine.as_str(), hello.channels[0].unit.as_str()), ("m", "g"));
-        let (Message::Block(block), _) = frames.next().unwrap().unwrap() else { panic!("block") };
+        let (Message::Block(block), _) = frames.take().unwrap().unwrap() else { panic!("block") };
         assert_eq!((block.stream, block.sequence, block.first), (0, 3, 30));
         assert_eq!(block.time_ns, 1_700_000_000_000_000_000);
         let samples: Vec<f64> = block.samples.each().map(|b| f64::from_le_bytes(*b)).collect();
         assert!((samples[0] - 1.5).abs() < 1e-15 && samples[1].is_nan());
-        assert_eq!(frames.next().unwrap().unwrap().0, Message::Bye(Bye::End));
+        assert_eq!(frames.take().unwrap().unwrap().0, Message::Bye(Bye::End));
 
         let mut welcome = Vec::new();
         let wanted = vec![wire::Wanted { sequence: 3, index: 30 }];

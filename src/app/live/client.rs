@@ -190,7 +190,7 @@ impl Sender {
         };
         loop {
             let wrong = |source| SendError::Wire { address: address.clone(), source };
-            let Some((message, _)) = line.frames.next().map_err(wrong)? else { return Ok(()) };
+            let Some((message, _)) = line.frames.take().map_err(wrong)? else { return Ok(()) };
             match message {
                 Message::Ack(ack) => {
                     line.credit_bytes = usize::try_from(ack.credit_bytes).unwrap_or(usize::MAX);
@@ -239,7 +239,7 @@ impl Sender {
         let deadline = now() + PATIENCE;
         let wrong = |source| SendError::Wire { address: self.address.clone(), source };
         let welcome = loop {
-            match line.frames.next().map_err(wrong)? {
+            match line.frames.take().map_err(wrong)? {
                 Some((Message::Welcome(welcome), _)) => break welcome,
                 Some((Message::Problem(problem), _)) => return Err(refused(problem)),
                 Some(_) => {}

@@ -102,7 +102,7 @@ impl<T: Transport> Conversation<'_, T> {
     fn listen(&mut self) -> Result<(), Ending> {
         let mut frames = Frames::default();
         loop {
-            while let Some((message, n_bytes)) = frames.next().map_err(Refusal::from)? {
+            while let Some((message, n_bytes)) = frames.take().map_err(Refusal::from)? {
                 self.take(&message, n_bytes)?;
             }
             self.acknowledge()?;

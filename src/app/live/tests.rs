@@ -130,7 +130,7 @@ fn hello(epoch: u64) -> Hello {
 const N: u64 = 10_000;
 
 fn frame(sequence: u64) -> Vec<u8> {
-    let bytes = vec![1; 2 * N as usize];
+    let bytes = vec![1; 2 * usize::try_from(N).unwrap()];
     let samples = Samples::new(SampleType::I16, &bytes).unwrap();
     let first = sequence * N;
     let block = Block { stream: 0, sequence, first, time_ns: NO_TIME, samples };
@@ -142,7 +142,7 @@ fn frame(sequence: u64) -> Vec<u8> {
 fn send(sender: &mut Sender, sequence: u64) -> Result<(), SendError> {
     let mut frames = Frames::default();
     frames.push(&frame(sequence));
-    let (message, _) = frames.next().unwrap().unwrap();
+    let (message, _) = frames.take().unwrap().unwrap();
     let Message::Block(block) = message else { panic!("a block") };
     sender.send(&block, 1 << 30)
 }
@@ -176,7 +176,7 @@ impl Raw {
     /// Reads until `is_it` gives something.
     fn until<T>(&mut self, is_it: impl Fn(&Message<'_>) -> Option<T>) -> T {
         loop {
-            while let Some((message, _)) = self.frames.next().unwrap() {
+            while let Some((message, _)) = self.frames.take().unwrap() {
                 if let Some(found) = is_it(&message) {
                     return found;
                 }
@@ -192,9 +192,9 @@ impl Raw {
 
     /// What it is told at the end.
     fn problem(&mut self) -> ErrorCode {
-        self.until(|message| match message {
-            Message::Problem(problem) => Some(problem.code),
-            _ => None,
+        self.until(|message| {
+            let Message::Problem(problem) = message else { return None };
+            Some(problem.code)
         })
     }
 }
@@ -254,9 +254,9 @@ fn a_sender_that_ignores_its_credit_loses_its_newest_blocks_and_they_are_counted
     });
     flood.join().unwrap();
     raw.say(&Message::Ping);
-    let settled = raw.until(|message| match message {
-        Message::Ack(ack) => ack.progress.iter().map(|p| p.sequence).max().filter(|s| *s == n_sent),
-        _ => None,
+    let settled = raw.until(|message| {
+        let Message::Ack(ack) = message else { return None };
+        ack.progress.iter().map(|p| p.sequence).max().filter(|s| *s == n_sent)
     });
     assert_eq!(settled, n_sent, "what was dropped is settled: it is not wanted again");
     n += running.drain();
@@ -285,9 +285,9 @@ fn a_broken_connection_goes_on_where_it_was_and_a_wrong_checksum_costs_no_sample
     drop(raw);
     let mut raw = Raw::connect(running.address);
     raw.say(&Message::Hello(hello(5)));
-    let wanted = raw.until(|message| match message {
-        Message::Welcome(welcome) => Some(welcome.wanted[0]),
-        _ => None,
+    let wanted = raw.until(|message| {
+        let Message::Welcome(welcome) = message else { return None };
+        Some(welcome.wanted[0])
     });
     assert_eq!((wanted.sequence, wanted.index), (2, 2 * N));
     raw.stream.write_all(&frame(2)).unwrap();

@@ -291,80 +291,61 @@ impl Intake {
         arrived: Arrived,
         has_room: bool,
     ) -> Result<(u64, Taken), Refusal> {
+        let id = self.lane_of(session, block)?;
+        let Some(lane) = self.lanes.get(&id) else { return Err(no_stream(block)) };
+        let now_s = seconds_since(self.origin, arrived.0);
+        let wall_s = if block.time_ns == wire::NO_TIME {
+            // The last sample has just been taken.
+            now_s - block.samples.len() as f64 / lane.described.rate_hz
+        } else {
+            seconds_since(self.origin, Timestamp(block.time_ns))
+        };
+        check_time(lane, block.first, (wall_s, now_s))?;
+        let is_unplaced = lane.is_unplaced();
+        let shift_s = if is_unplaced { self.sender_shift_s(session, wall_s) } else { 0.0 };
+        let placing =
+            Placing { segment: self.segment, keeps_received: self.keeps_received, has_room };
+        let Some(lane) = self.lanes.get_mut(&id) else { return Err(no_stream(block)) };
+        if is_unplaced {
+            lane.place(block.first, wall_s, shift_s);
+            lane.next.sequence = block.sequence;
+        }
+        lane.observe(block.first, wall_s);
+        let taken = lane.take(block, placing);
+        Ok((lane.next.sequence, taken))
+    }
+
+    /// The channel that a block is of.
+    fn lane_of(&self, session: u64, block: &wire::Block<'_>) -> Result<u32, Refusal> {
         if self.superseded.contains(&session) {
             let text = "a newer connection of this sender has its channels";
             return Err(Refusal::new(ErrorCode::ChannelTaken, text));
         }
-        let unexpected = |text: String| Refusal::new(ErrorCode::Unexpected, text);
-        let sender = self.senders.get_mut(&session);
-        let sender = sender.ok_or_else(|| unexpected("a block before the hello".to_owned()))?;
-        let n = sender.lanes.len();
-        let lane =
-            sender.lanes.get(usize::from(block.stream)).and_then(|id| self.lanes.get_mut(id));
-        let lane =
-            lane.ok_or_else(|| unexpected(format!("stream {}; the hello has {n}", block.stream)))?;
-        if block.samples.kind() != lane.described.sample_type || block.samples.is_empty() {
-            let text = format!(
-                "a block of channel {:?} with {} samples of type {}; at least one of type {} is taken",
-                lane.described.name,
-                block.samples.len(),
-                block.samples.kind().name(),
-                lane.described.sample_type.name()
-            );
-            return Err(Refusal::new(ErrorCode::Malformed, text));
+        let sender = self.senders.get(&session);
+        let id = sender.and_then(|sender| sender.lanes.get(usize::from(block.stream)));
+        let found = id.and_then(|id| Some((*id, self.lanes.get(id)?)));
+        let (id, lane) = found.ok_or_else(|| no_stream(block))?;
+        if block.samples.kind() == lane.described.sample_type && !block.samples.is_empty() {
+            return Ok(id);
         }
-        let rate_hz = lane.described.rate_hz;
-        let length_s = block.samples.len() as f64 / rate_hz;
-        let now_s = seconds_since(self.origin, arrived.0);
-        let is_timed = block.time_ns != wire::NO_TIME;
-        let wall_s = if is_timed {
-            seconds_since(self.origin, Timestamp(block.time_ns))
-        } else {
-            now_s - length_s
-        };
-        let ahead = |what: String, by_s: f64| {
-            let text = format!(
-                "channel {:?}: {what} lies {by_s:.1} s after the daemon's clock",
-                lane.described.name
-            );
-            Refusal::new(ErrorCode::TimeAhead, text)
-        };
-        if wall_s > now_s + AHEAD_S {
-            return Err(ahead(
-                "the time of a block; set the sender's clock: it".to_owned(),
-                wall_s - now_s,
-            ));
+        let text = format!(
+            "a block of channel {:?} with {} samples of type {}; at least one of type {} is taken",
+            lane.described.name,
+            block.samples.len(),
+            block.samples.kind().name(),
+            lane.described.sample_type.name()
+        );
+        Err(Refusal::new(ErrorCode::Malformed, text))
+    }
+
+    /// What is added to a sender's times, decided by the first of its channels that is placed.
+    fn sender_shift_s(&mut self, session: u64, wall_s: f64) -> f64 {
+        let Some(sender) = self.senders.get(&session) else { return 0.0 };
+        let shift_s = sender.shift_s.unwrap_or_else(|| self.shift_s(&sender.lanes, wall_s));
+        if let Some(sender) = self.senders.get_mut(&session) {
+            sender.shift_s = Some(shift_s);
         }
-        if let Some((index_s, first_s)) = lane.expected_s(block.first) {
-            if index_s > now_s + AHEAD_S + AHEAD_PART * (now_s - first_s).max(0.0) {
-                let what = format!(
-                    "sample {} by its rate of {rate_hz} Hz; is that right? It",
-                    block.first
-                );
-                return Err(ahead(what, index_s - now_s));
-            }
-        }
-        if lane.is_unplaced() {
-            let ids = sender.lanes.clone();
-            let shift_s = sender.shift_s;
-            let shift_s = shift_s.unwrap_or_else(|| self.shift_s(&ids, wall_s));
-            if let Some(sender) = self.senders.get_mut(&session) {
-                sender.shift_s = Some(shift_s);
-            }
-            let id = ids.get(usize::from(block.stream)).and_then(|id| self.lanes.get_mut(id));
-            if let Some(lane) = id {
-                lane.place(block.first, wall_s, shift_s);
-                lane.next.sequence = block.sequence;
-            }
-        }
-        let placing =
-            Placing { segment: self.segment, keeps_received: self.keeps_received, has_room };
-        let id = self.senders.get(&session).and_then(|s| s.lanes.get(usize::from(block.stream)));
-        let lane = id.and_then(|id| self.lanes.get_mut(id));
-        let lane = lane.ok_or_else(|| unexpected("a block of no stream".to_owned()))?;
-        lane.observe(block.first, wall_s);
-        let taken = lane.take(block, placing);
-        Ok((lane.next.sequence, taken))
+        shift_s
     }
 
     /// What must be added to a sender's times: stream time does not go back in any of its channels, nor before 0.
@@ -418,6 +399,34 @@ impl Intake {
         };
         self.lanes.values_mut().map(status).collect()
     }
+}
+
+/// Whether a block lies in the future, by its time or by the place of its first sample.
+fn check_time(lane: &Lane, first: u64, (wall_s, now_s): (f64, f64)) -> Result<(), Refusal> {
+    let ahead = |what: String, by_s: f64| {
+        let name = &lane.described.name;
+        let text = format!("channel {name:?}: {what} lies {by_s:.1} s after the daemon's clock");
+        Err(Refusal::new(ErrorCode::TimeAhead, text))
+    };
+    if wall_s > now_s + AHEAD_S {
+        let what = "set the sender's clock: the time of a block".to_owned();
+        return ahead(what, wall_s - now_s);
+    }
+    match lane.expected_s(first) {
+        Some((index_s, first_s))
+            if index_s > now_s + AHEAD_S + AHEAD_PART * (now_s - first_s).max(0.0) =>
+        {
+            let rate_hz = lane.described.rate_hz;
+            let what = format!("is the rate of {rate_hz} Hz right? By it sample {first}");
+            ahead(what, index_s - now_s)
+        }
+        Some(_) | None => Ok(()),
+    }
+}
+
+fn no_stream(block: &wire::Block<'_>) -> Refusal {
+    let text = format!("a block of stream {}, which is not in the hello", block.stream);
+    Refusal::new(ErrorCode::Unexpected, text)
 }
 
 /// Time from one moment to another, s; exact to a microsecond over centuries.
