@@ -146,6 +146,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rusqlite", &["src/store/"]),
     ("ureq::", &["src/app/", "src/cli/"]),
     ("rumqttc::", &["src/app/"]),
+    ("tungstenite::", &["src/app/"]),
     ("Serialize", &["src/api/wire/"]),
     ("Instant::now", &["src/app/", "src/bench/", "src/cli/"]),
     ("SystemTime::now", &["src/app/", "src/bench/", "src/cli/"]),

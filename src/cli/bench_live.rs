@@ -5,6 +5,7 @@ use crate::app;
 use crate::app::live::client;
 use crate::app::live::client::SendError;
 use crate::app::live::client::Sender;
+use crate::app::live::line::Address;
 use crate::bench::table::Cell;
 use crate::bench::table::Column;
 use crate::wire::Block;
@@ -116,7 +117,7 @@ pub fn run(load: Load) -> Result<Vec<Cell>, LiveError> {
     let daemon = start(load, &sizes)?;
     let mut senders = Vec::new();
     for (machine, n) in sizes.iter().enumerate() {
-        senders.push(Sender::connect(&daemon.ingest, hello(machine, *n))?);
+        senders.push(Sender::connect(&Address::Tcp(daemon.ingest.clone()), hello(machine, *n))?);
     }
     let (begun, own, before_s) = (app::now(), ProcessTime::now(), daemon.cpu_s());
     let start = app::wall_clock();

@@ -5,6 +5,7 @@ use crate::app;
 use crate::app::live::client;
 use crate::app::live::client::SendError;
 use crate::app::live::client::Sender;
+use crate::app::live::line::Address;
 use crate::capture::map::MapError;
 use crate::capture::reader::CaptureReader;
 use crate::capture::received::RawSamples;
@@ -31,6 +32,7 @@ pub const EXAMPLES: &str = "\
 Examples:
   rotorwatch replay run-7.h5 --to tcp://127.0.0.1:8081
   rotorwatch replay run-7.h5 --to tcp://127.0.0.1:8081 --machine rig-1 --speed max
+  rotorwatch replay run-7.h5 --to http://127.0.0.1:8080 --speed max
   rotorwatch replay run-7.h5 --to tcp://monitor:8081 --token-file sender.token --speed 10
 
 The daemon needs a [[source]] of kind \"tcp\" for the machine (docs/wire.md); the second line it prints is the address.
@@ -50,7 +52,7 @@ pub struct Arguments {
     /// The capture: HDF5, CSV or WAV.
     #[arg(value_name = "CAPTURE")]
     pub capture: PathBuf,
-    /// Where the daemon listens to senders, as `tcp://HOST:PORT`.
+    /// The daemon: `tcp://HOST:PORT` where it listens to senders, or `http://HOST:PORT`, over a WebSocket.
     #[arg(long, value_name = "URL")]
     pub to: String,
     /// Id of the machine; default: that of the machine file in the capture, else the only machine of the daemon.
@@ -71,7 +73,7 @@ pub struct Arguments {
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(
-        "{to:?} is no address of senders; it is tcp://HOST:PORT, as the second line of `rotorwatch serve` says"
+        "{to:?} is no address of a daemon: tcp://HOST:PORT, as the second line of `rotorwatch serve` says, or its http://HOST:PORT"
     )]
     Address { to: String },
     #[error("{}: the token cannot be read", file.display())]
@@ -96,12 +98,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn stream(arguments: &Arguments) -> Result<String, Failure> {
-    let no_address = || Failure::Address { to: arguments.to.clone() };
-    let address = arguments.to.strip_prefix("tcp://").ok_or_else(no_address)?;
-    let address = address.trim_end_matches('/');
-    if address.rsplit_once(':').is_none_or(|(_, port)| port.parse::<u16>().is_err()) {
-        return Err(no_address());
-    }
+    let address = Address::parse(&arguments.to);
+    let address = address.ok_or_else(|| Failure::Address { to: arguments.to.clone() })?;
     let token = arguments.token_file.as_ref().map(token).transpose()?.unwrap_or_default();
     let hints = arguments.hints.hints()?;
     let path = &arguments.capture;
@@ -136,7 +134,7 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
         Speed::Max => duration_s,
         Speed::Times(factor) => duration_s * (1.0 - factor.recip()).max(0.0),
     };
-    let mut sender = Sender::connect(address, hello)?;
+    let mut sender = Sender::connect(&address, hello)?;
     let begun = app::now();
     let start = app::wall_clock().plus_seconds(-ahead_s);
     let mut n_samples = 0_u64;

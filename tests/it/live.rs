@@ -354,6 +354,21 @@ fn a_small_sender_speaks_json_over_a_websocket() {
     daemon.wait_finished("rig-1");
     assert_eq!(count(&assert_accounted(&daemon), "used"), 50);
     assert_eq!(channel(&daemon)["unit"], "m/s^2");
+    // Frames go over it as well.
+    let dir = TempDir::new().unwrap();
+    support::write_ramp(&dir, "x.h5", 100.0, 3000);
+    let sent = support::run(support::command().arg("replay").arg(dir.path().join("x.h5")).args([
+        "--to",
+        &daemon.base_url,
+        "--speed",
+        "max",
+    ]));
+    assert_eq!(sent.status.code(), Some(0), "{}", sent.stderr);
+    let ledger = wait_until("the samples of the capture", || {
+        let ledger = channel(&daemon)["ledger"].clone();
+        (count(&ledger, "used") == 3050).then_some(ledger)
+    });
+    assert_eq!((count(&ledger, "received"), count(&ledger, "lost")), (3050, 0));
     // What is no hello is told in JSON too; a page of elsewhere is let in nowhere.
     let (mut socket, _) = tungstenite::connect(&url).unwrap();
     socket.send(tungstenite::Message::text("{}")).unwrap();

@@ -1,7 +1,9 @@
-//! The other end: a sender over TCP that comes back after a break and goes on where the daemon wants it to.
+//! The other end: a sender that comes back after a break and goes on where the daemon wants it to.
 //!
 //! It keeps what is not settled, so that nothing is lost while the daemon is away, as long as there is room.
 
+use super::line::Address;
+use super::line::Line;
 use crate::app::now;
 use crate::wire;
 use crate::wire::Block;
@@ -13,19 +15,12 @@ use crate::wire::Message;
 use std::collections::BTreeMap;
 use std::collections::VecDeque;
 use std::io;
-use std::io::Read;
-use std::io::Write;
-use std::net::TcpStream;
-use std::net::ToSocketAddrs;
 use std::thread;
 use std::time::Duration;
 use std::time::Instant;
 
 /// Longest wait for an answer before the connection counts as broken.
 const PATIENCE: Duration = Duration::from_secs(30);
-
-/// Longest wait for a connection.
-const CONNECT: Duration = Duration::from_secs(5);
 
 /// First and longest wait before the next attempt.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
@@ -73,8 +68,8 @@ struct Kept {
 
 /// A connection under way.
 #[derive(Debug)]
-struct Line {
-    stream: TcpStream,
+struct Way {
+    line: Line,
     frames: Frames,
     credit_bytes: usize,
 }
@@ -82,9 +77,9 @@ struct Line {
 /// A sender.
 #[derive(Debug)]
 pub struct Sender {
-    address: String,
+    address: Address,
     hello: Hello,
-    line: Option<Line>,
+    way: Option<Way>,
     kept: VecDeque<Kept>,
     /// Bytes of frames sent and not settled, and of all that are not settled.
     under_way: usize,
@@ -93,15 +88,15 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender to `address` (`host:port`), which connects at once.
+    /// A sender to a daemon, which connects at once.
     ///
     /// # Errors
     /// When the daemon cannot be reached or refuses.
-    pub fn connect(address: &str, hello: Hello) -> Result<Self, SendError> {
-        let address = address.to_owned();
-        let (line, kept) = (None, VecDeque::new());
+    pub fn connect(address: &Address, hello: Hello) -> Result<Self, SendError> {
+        let address = address.clone();
+        let (way, kept) = (None, VecDeque::new());
         let mut sender =
-            Self { address, hello, line, kept, under_way: 0, kept_bytes: 0, n_reconnects: 0 };
+            Self { address, hello, way, kept, under_way: 0, kept_bytes: 0, n_reconnects: 0 };
         sender.reconnect()?;
         sender.n_reconnects = 0;
         Ok(sender)
@@ -142,11 +137,13 @@ impl Sender {
         }
         let mut frame = Vec::new();
         self.wire(wire::encode(&Message::Bye(bye), &mut frame))?;
-        if let Some(line) = &mut self.line {
+        if let Some(way) = &mut self.way {
             // The daemon closes after its last word; until then the bye may not have come.
-            let _gone = line.stream.write_all(&frame);
+            let _gone = way.line.write(&frame);
             let deadline = now() + PATIENCE;
-            while now() < deadline && !matches!(line.receive(Duration::from_millis(50)), Ok(None)) {
+            while now() < deadline
+                && !matches!(way.line.receive(&mut way.frames, Duration::from_millis(50)), Ok(None))
+            {
             }
         }
         Ok(())
@@ -154,46 +151,46 @@ impl Sender {
 
     /// Sends what there is credit for, and takes in what the daemon says; comes back after a break.
     fn pump(&mut self, wait: Duration) -> Result<(), SendError> {
-        if self.line.is_none() {
+        if self.way.is_none() {
             return self.reconnect();
         }
         match self.exchange(wait) {
             Ok(()) => Ok(()),
             Err(Broken::Fatal(error)) => Err(error),
             Err(Broken::Line(_)) => {
-                self.line = None;
+                self.way = None;
                 self.reconnect()
             }
         }
     }
 
     fn exchange(&mut self, wait: Duration) -> Result<(), Broken> {
-        let Some(line) = &mut self.line else { return Ok(()) };
+        let Some(way) = &mut self.way else { return Ok(()) };
         for kept in self.kept.iter_mut().filter(|kept| !kept.is_sent) {
             let n = kept.frame.len();
-            let is_alone = self.under_way == 0 && line.credit_bytes > 0;
-            if self.under_way + n > line.credit_bytes && !is_alone {
+            let is_alone = self.under_way == 0 && way.credit_bytes > 0;
+            if self.under_way + n > way.credit_bytes && !is_alone {
                 break;
             }
-            line.stream.write_all(&kept.frame)?;
+            way.line.write(&kept.frame)?;
             kept.is_sent = true;
             self.under_way += n;
         }
-        line.receive(wait)?.ok_or(io::ErrorKind::UnexpectedEof)?;
+        way.line.receive(&mut way.frames, wait)?.ok_or(io::ErrorKind::UnexpectedEof)?;
         self.listen()
     }
 
     /// Takes in the frames that have come.
     fn listen(&mut self) -> Result<(), Broken> {
-        let Self { line: Some(line), kept, under_way, kept_bytes, address, .. } = self else {
+        let Self { way: Some(way), kept, under_way, kept_bytes, address, .. } = self else {
             return Ok(());
         };
         loop {
-            let wrong = |source| SendError::Wire { address: address.clone(), source };
-            let Some((message, _)) = line.frames.take().map_err(wrong)? else { return Ok(()) };
+            let wrong = |source| SendError::Wire { address: address.url(), source };
+            let Some((message, _)) = way.frames.take().map_err(wrong)? else { return Ok(()) };
             match message {
                 Message::Ack(ack) => {
-                    line.credit_bytes = usize::try_from(ack.credit_bytes).unwrap_or(usize::MAX);
+                    way.credit_bytes = usize::try_from(ack.credit_bytes).unwrap_or(usize::MAX);
                     let wanted = ack.progress.iter().map(|p| (p.stream, p.sequence)).collect();
                     settle(kept, (under_way, kept_bytes), &wanted);
                 }
@@ -218,7 +215,7 @@ impl Sender {
                 Err(Broken::Line(error)) => error,
             };
             if now().saturating_duration_since(begun) > GIVE_UP {
-                return Err(SendError::Unreachable { address: self.address.clone(), source });
+                return Err(SendError::Unreachable { address: self.address.url(), source });
             }
             thread::sleep(wait);
             wait = (2 * wait).min(BACK_OFF.1);
@@ -227,24 +224,21 @@ impl Sender {
 
     /// Connects and asks where to go on.
     fn greet(&mut self) -> Result<(), Broken> {
-        let mut addresses = self.address.to_socket_addrs()?;
-        let address = addresses.next().ok_or(io::ErrorKind::NotFound)?;
-        let stream = TcpStream::connect_timeout(&address, CONNECT)?;
-        stream.set_nodelay(true)?;
-        stream.set_write_timeout(Some(PATIENCE))?;
-        let mut line = Line { stream, frames: Frames::default(), credit_bytes: 0 };
+        let line = Line::open(&self.address)?;
+        let mut way = Way { line, frames: Frames::default(), credit_bytes: 0 };
         let mut frame = Vec::new();
         self.wire(wire::encode(&Message::Hello(self.hello.clone()), &mut frame))?;
-        line.stream.write_all(&frame)?;
+        way.line.write(&frame)?;
         let deadline = now() + PATIENCE;
-        let wrong = |source| SendError::Wire { address: self.address.clone(), source };
+        let wrong = |source| SendError::Wire { address: self.address.url(), source };
         let welcome = loop {
-            match line.frames.take().map_err(wrong)? {
+            match way.frames.take().map_err(wrong)? {
                 Some((Message::Welcome(welcome), _)) => break welcome,
                 Some((Message::Problem(problem), _)) => return Err(refused(problem)),
                 Some(_) => {}
                 None => {
-                    line.receive(Duration::from_millis(100))?
+                    way.line
+                        .receive(&mut way.frames, Duration::from_millis(100))?
                         .ok_or(io::ErrorKind::UnexpectedEof)?;
                     if now() >= deadline {
                         return Err(io::Error::from(io::ErrorKind::TimedOut).into());
@@ -252,19 +246,19 @@ impl Sender {
                 }
             }
         };
-        line.credit_bytes = usize::try_from(welcome.credit_bytes).unwrap_or(usize::MAX);
+        way.credit_bytes = usize::try_from(welcome.credit_bytes).unwrap_or(usize::MAX);
         self.under_way = 0;
         for kept in &mut self.kept {
             kept.is_sent = false;
         }
         let wanted = (0_u16..).zip(welcome.wanted.iter().map(|wanted| wanted.sequence)).collect();
         settle(&mut self.kept, (&mut self.under_way, &mut self.kept_bytes), &wanted);
-        self.line = Some(line);
+        self.way = Some(way);
         Ok(())
     }
 
     fn wire(&self, encoded: Result<(), wire::WireError>) -> Result<(), SendError> {
-        encoded.map_err(|source| SendError::Wire { address: self.address.clone(), source })
+        encoded.map_err(|source| SendError::Wire { address: self.address.url(), source })
     }
 }
 
@@ -331,33 +325,6 @@ fn refused(problem: wire::Problem) -> Broken {
         | ErrorCode::TimeAhead => {
             let wire::Problem { code, text } = problem;
             Broken::Fatal(SendError::Refused { code, text })
-        }
-    }
-}
-
-impl Line {
-    /// Takes in bytes, waiting for them; 0: none have come, `None`: none will.
-    fn receive(&mut self, wait: Duration) -> io::Result<Option<usize>> {
-        if wait.is_zero() {
-            self.stream.set_nonblocking(true)?;
-        } else {
-            self.stream.set_read_timeout(Some(wait))?;
-        }
-        let read = self.stream.read(self.frames.space());
-        if wait.is_zero() {
-            self.stream.set_nonblocking(false)?;
-        }
-        match read {
-            Ok(0) => Ok(None),
-            Ok(n) => {
-                self.frames.filled(n);
-                Ok(Some(n))
-            }
-            Err(error) => {
-                use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
-                let is_waiting = matches!(error.kind(), WouldBlock | TimedOut | Interrupted);
-                if is_waiting { Ok(Some(0)) } else { Err(error) }
-            }
         }
     }
 }

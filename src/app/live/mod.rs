@@ -11,6 +11,7 @@
 pub mod client;
 mod conversation;
 pub(super) mod joining;
+pub mod line;
 pub mod opening;
 pub mod pipe;
 mod port;

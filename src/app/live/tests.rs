@@ -6,6 +6,7 @@ use super::PortPlan;
 use super::Room;
 use super::client::SendError;
 use super::client::Sender;
+use super::line::Address;
 use super::tcp;
 use crate::app::link::Input;
 use crate::app::link::Link;
@@ -211,7 +212,7 @@ fn wait_for(mut is_so: impl FnMut() -> bool) {
 fn a_sender_that_keeps_to_its_credit_loses_nothing_while_the_analysis_stands_still() {
     // Room for three blocks: two bytes and as single precision and as they came.
     let running = running(300_000, Ingest::default());
-    let mut sender = Sender::connect(&running.address.to_string(), hello(1)).unwrap();
+    let mut sender = Sender::connect(&Address::Tcp(running.address.to_string()), hello(1)).unwrap();
     for sequence in 0..200 {
         send(&mut sender, sequence).unwrap();
     }
@@ -359,7 +360,7 @@ fn a_token_is_asked_for_and_never_shown() {
     let ingest = Ingest { tokens: vec![Token::new("a token of some length")], ..Ingest::default() };
     assert!(!format!("{ingest:?}").contains("length"));
     let running = running(1 << 30, ingest);
-    let address = running.address.to_string();
+    let address = Address::Tcp(running.address.to_string());
     let with = |token: &str| Hello { token: token.to_owned(), ..hello(1) };
     for wrong in ["", "a token of some lengtH", "a token of some length "] {
         let refused = Sender::connect(&address, with(wrong)).unwrap_err();
