@@ -145,10 +145,10 @@ impl Line {
 }
 
 fn io_error(error: tungstenite::Error) -> io::Error {
-    match error {
-        tungstenite::Error::Io(error) => error,
-        other => io::Error::other(other.to_string()),
+    if let tungstenite::Error::Io(error) = error {
+        return error;
     }
+    io::Error::other(error.to_string())
 }
 
 #[cfg(test)]
