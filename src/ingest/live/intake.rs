@@ -32,6 +32,9 @@ const AHEAD_PART: f64 = 0.05;
 /// Bounds of a speed or load that is believed.
 const PLAUSIBLE: f64 = 1e9;
 
+/// Names of channels that a machine may have had since the start: each has its counters, in metrics too.
+const MAX_NAMES: usize = 2 * wire::MAX_CHANNELS;
+
 /// A moment, by the clock of the daemon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arrived(pub Timestamp);
@@ -70,6 +73,8 @@ pub struct Intake {
     /// Whether a stream is open; speed and load that it was opened with.
     open: Option<(Option<f64>, Option<f64>)>,
     senders: BTreeMap<u64, Sender>,
+    /// Names that channels have had.
+    names: BTreeSet<String>,
     /// Connections that lost their channels to a newer one of the same sender.
     superseded: BTreeSet<u64>,
 }
@@ -104,6 +109,7 @@ impl Intake {
             segment: 0,
             open: None,
             senders: BTreeMap::new(),
+            names: BTreeSet::new(),
             superseded: BTreeSet::new(),
         }
     }
@@ -229,7 +235,18 @@ impl Intake {
             );
             return Err(Refusal::new(ErrorCode::BadChannel, text));
         }
+        let names: BTreeSet<String> = info.channels.iter().map(|c| c.name.clone()).collect();
+        if names.union(&self.names).count() > MAX_NAMES {
+            let text = format!(
+                "machine {:?} has had {} channels of other names since the start, and may have {MAX_NAMES} in all: name \
+                 them alike, or restart the daemon",
+                self.machine.id,
+                self.names.difference(&names).count()
+            );
+            return Err(Refusal::new(ErrorCode::NoRoom, text));
+        }
         room(&info).map_err(|text| Refusal::new(ErrorCode::NoRoom, text))?;
+        self.names.extend(names);
         self.open = Some(facts);
         self.segment = self.segment.saturating_add(1);
         let mut ids = Vec::new();

@@ -384,6 +384,19 @@ fn a_hello_that_cannot_be_used_is_refused_with_the_reason() {
     let refused = intake.hello(1, ("here", Arrived(at(0.0))), &hello, full);
     assert_eq!(code(refused), ErrorCode::NoRoom);
     assert_eq!((intake.n_senders(), intake.status().len()), (0, 0));
+    // Nor may names be exchanged for ever: each leaves its counters behind.
+    let many = |round: usize| {
+        let named = |i: usize| channel(&format!("{round}-{i}"), SampleType::I16);
+        let more = (0..4000).map(named).chain([x()]).collect();
+        super::tests::hello(round as u64, more)
+    };
+    let mut rotating = super::tests::intake();
+    for (round, expected) in [(1, true), (2, true), (3, false), (2, true)] {
+        let admitted = admit(&mut rotating, 1, 0.0, &many(round));
+        assert_eq!(admitted.is_ok(), expected, "{round}");
+        assert!(admitted.err().is_none_or(|refusal| refusal.code == ErrorCode::NoRoom));
+        rotating.leave(1);
+    }
     // A block of a stream that is none, of another type, without samples, without a hello.
     admit(&mut intake, 1, 0.0, &hello).unwrap();
     let block = || Owned::ramp(0, 0, 10, 0.0);
