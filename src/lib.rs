@@ -1,7 +1,7 @@
 //! rotorwatch: an open condition monitor for gear-rotor-bearing drivetrains.
 //!
 //! The modules stand in the order in which a signal passes them, from sensor to operator. The
-//! core (`units` to `notify`) is pure and synchronous; the shell (`causes` to `cli`) does the
+//! core (`units` to `wire`) is pure and synchronous; the shell (`causes` to `cli`) does the
 //! input, output and waiting. `tests/layering.rs` holds the arrows between them.
 
 pub mod units;
@@ -20,6 +20,7 @@ pub mod trials;
 pub mod plot;
 pub mod html;
 pub mod notify;
+pub mod wire;
 pub mod causes;
 pub mod capture;
 pub mod offline;

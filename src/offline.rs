@@ -273,6 +273,7 @@ fn implied_machine(info: &CaptureInfo) -> Machine {
         direction: None,
         usable: None,
         sensitivity_v_per_unit: None,
+        gap_v: None,
         tacho: None,
     };
     Machine {

@@ -35,10 +35,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("plot", &[]),
     ("html", &["units", "signal", "machine", "dsp", "features", "diagnosis", "plot"]),
     ("notify", &["units", "signal", "machine", "features", "diagnosis", "alarms"]),
+    ("wire", &[]),
     ("causes", &[]),
     ("capture", &["units", "signal", "machine", "causes"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
-    ("ingest", &["units", "signal", "machine", "simulator", "capture"]),
+    ("ingest", &["units", "signal", "machine", "simulator", "wire", "capture"]),
     ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
     ("store", &["units", "signal", "tape", "features", "diagnosis", "alarms", "notify", "causes"]),
     (
@@ -57,6 +58,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "evaluation",
             "plot",
             "notify",
+            "wire",
             "capture",
             "ingest",
             "store",
@@ -119,6 +121,7 @@ const CORE: &[&str] = &[
     "plot",
     "html",
     "notify",
+    "wire",
 ];
 
 /// What a core module may not mention.
@@ -143,6 +146,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rusqlite", &["src/store/"]),
     ("ureq::", &["src/app/", "src/cli/"]),
     ("rumqttc::", &["src/app/"]),
+    ("tungstenite::", &["src/app/"]),
     ("Serialize", &["src/api/wire/"]),
     ("Instant::now", &["src/app/", "src/bench/", "src/cli/"]),
     ("SystemTime::now", &["src/app/", "src/bench/", "src/cli/"]),

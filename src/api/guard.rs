@@ -92,7 +92,7 @@ pub(super) async fn host(State(state): State<ApiState>, request: Request, next: 
 }
 
 /// Whether `host` is a loopback name or address, or the bound address, with the bound port.
-fn is_this_server(host: &str, bound: SocketAddr) -> bool {
+pub(super) fn is_this_server(host: &str, bound: SocketAddr) -> bool {
     let Ok(authority) = host.parse::<Authority>() else { return false };
     if host.contains('@') || authority.port_u16().unwrap_or(80) != bound.port() {
         return false;

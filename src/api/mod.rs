@@ -21,6 +21,7 @@ mod events;
 mod audit;
 mod service;
 mod simulation;
+mod ingest;
 mod baselines;
 mod captures;
 #[cfg(test)]
@@ -64,6 +65,7 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
         (name = "audit", description = "Who did what, which configurations ran"),
         (name = "captures", description = "Raw data around alarms, to be judged again"),
         (name = "baselines", description = "What is normal of a machine, by operating state"),
+        (name = "ingest", description = "Samples from senders on a network"),
         (name = "simulation", description = "Simulated sources and their damage"),
     ),
 )]
@@ -107,6 +109,7 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(baselines::list, baselines::learn))
         .routes(routes!(baselines::show, baselines::remove))
         .routes(routes!(baselines::activate))
+        .routes(routes!(ingest::connect))
         .routes(routes!(simulation::scenarios, simulation::change))
 }
 

@@ -5,7 +5,7 @@ use super::extract::{Path, Query, in_range};
 use super::state::{ApiState, channel, newest};
 use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, SourceState, Waveform};
 use super::wire::problem::ProblemWire;
-use super::wire::signals::{ChannelListWire, ChannelWire, Validity, WaveformWire};
+use super::wire::signals::{ChannelListWire, ChannelWire, LedgerWire, Validity, WaveformWire};
 use super::wire::{finite, finite_column};
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
@@ -40,6 +40,7 @@ pub(super) async fn channels(
 ) -> Result<Json<ChannelListWire>, ApiError> {
     let handle = state.machine(&id)?;
     let view = newest(handle);
+    let senders = handle.ingest.as_ref().map(|status| status());
     let items = view.channels.iter().enumerate().map(|(index, info)| {
         let ring = view.rings.get(index).copied().unwrap_or_default();
         let sensor = handle.machine.sensors.iter().find(|sensor| sensor.channel == info.name);
@@ -58,6 +59,11 @@ pub(super) async fn channels(
             gaps: ring.gaps,
             duplicated: ring.duplicated,
             clipped: ring.clipped,
+            ledger: senders.as_ref().and_then(|senders| {
+                // Both are in the order of the stream; a snapshot may be of the one before.
+                let it = senders.channels.get(index).filter(|channel| channel.name == info.name);
+                it.map(LedgerWire::new)
+            }),
         }
     });
     Ok(Json(ChannelListWire { items: items.collect() }))

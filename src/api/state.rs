@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::view::{
-    BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView, ShardRequest,
-    StoreHandle, TrendHandle,
+    BaselineHandle, CaptureHandle, EventsHandle, IngestOpen, MachineHandle, MachineView,
+    ShardRequest, StoreHandle, TrendHandle,
 };
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
@@ -80,6 +80,8 @@ pub struct ApiState {
     /// The history of trends; `None`: there is none.
     pub(super) trends: Option<TrendHandle>,
     pub(super) captures: Option<CaptureHandle>,
+    /// Lets senders of samples in; `None`: no source has any.
+    pub(super) ingest: Option<IngestOpen>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
@@ -119,6 +121,7 @@ impl ApiState {
             events: None,
             trends: None,
             captures: None,
+            ingest: None,
         }
     }
 
@@ -132,6 +135,12 @@ impl ApiState {
     #[must_use]
     pub fn with_captures(self, captures: Option<CaptureHandle>) -> Self {
         Self { captures, ..self }
+    }
+
+    /// Lets senders of samples in, if a source has any.
+    #[must_use]
+    pub fn with_ingest(self, ingest: Option<IngestOpen>) -> Self {
+        Self { ingest, ..self }
     }
 
     /// Keeps baselines.

@@ -246,6 +246,7 @@ impl Service {
         let handle = MachineHandle {
             recording: None,
             simulation: Some(sample_simulation(behaviour)),
+            ingest: None,
             machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
             view: receiver,
             submit: Arc::new(submit),

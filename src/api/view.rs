@@ -12,6 +12,8 @@ use crate::buffer::RingStatus;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
+use crate::ingest::live::Refusal;
+use crate::ingest::live::intake::ChannelStatus;
 use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::notify::Progress;
@@ -298,6 +300,30 @@ impl std::fmt::Debug for SimulationHandle {
     }
 }
 
+/// How the live senders of a machine are doing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IngestView {
+    /// Senders that are connected.
+    pub n_senders: usize,
+    /// The channels of the stream, in its order.
+    pub channels: Vec<ChannelStatus>,
+}
+
+/// Tells how the live senders of a machine are doing.
+pub type IngestStatus = Arc<dyn Fn() -> IngestView + Send + Sync>;
+
+/// Messages of a sender on a WebSocket, and answers to it; either end may go.
+#[derive(Debug)]
+pub struct IngestPipe {
+    /// Bytes that have come, in their order.
+    pub to_daemon: std::sync::mpsc::SyncSender<Vec<u8>>,
+    /// Frames to be sent.
+    pub from_daemon: tokio::sync::mpsc::Receiver<Vec<u8>>,
+}
+
+/// Lets a sender on a WebSocket in, by the name of where it is; or says why not.
+pub type IngestOpen = Arc<dyn Fn(String) -> Result<IngestPipe, Refusal> + Send + Sync>;
+
 /// What survives a restart, as the API sees it.
 #[derive(Clone)]
 pub struct StoreHandle {
@@ -393,6 +419,8 @@ pub struct MachineHandle {
     pub recording: Option<watch::Receiver<RecordingView>>,
     /// The simulated source; `None` for every other.
     pub simulation: Option<SimulationHandle>,
+    /// The senders of a live source; `None` for every other.
+    pub ingest: Option<IngestStatus>,
     /// Asks the machine's shard.
     pub submit: Submit,
 }

@@ -7,6 +7,7 @@ use crate::alarms::Alarm;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::alarms::DataFlow;
+use crate::alarms::Moment;
 use crate::alarms::load;
 use crate::alarms::load::Load;
 use crate::alarms::state::AlarmState;
@@ -42,6 +43,11 @@ impl Alarming {
         Self { machine, keeper, is_live, last_block: super::now(), transitions, metrics }
     }
 
+    /// This instant, at a stream time.
+    pub(super) fn moment(&self, stream_s: f64) -> Moment {
+        self.keeper.clock().moment(stream_s)
+    }
+
     /// A block has come.
     pub(super) fn note_block(&mut self, arrived: Instant) {
         self.last_block = arrived;
@@ -57,7 +63,7 @@ impl Alarming {
     ) -> Vec<AlarmEvent> {
         let flow = match source {
             SourceState::Failed(why) => DataFlow::Failed(why),
-            SourceState::Running if self.is_live && !is_waiting => {
+            SourceState::Starting | SourceState::Running if self.is_live && !is_waiting => {
                 let silent = super::now().saturating_duration_since(self.last_block);
                 DataFlow::SilentFor(silent.as_secs_f64())
             }

@@ -10,6 +10,8 @@ use super::keeper::KeeperPlan;
 use super::keeper::MachineKeeper;
 use super::link::Link;
 use super::link::ShardQueue;
+use super::live;
+use super::live::Port;
 use super::monitored::Monitored;
 use super::monitored::Opened;
 use super::notify::NotifyPlan;
@@ -109,6 +111,8 @@ pub(super) struct Plan {
     pub(super) notify: NotifyPlan,
     pub(super) trending: TrendPlan,
     pub(super) trends: TrendHandle,
+    /// The ways of live senders.
+    pub(super) ports: Vec<Arc<Port>>,
     /// The thread that writes captures, and HTTP's way to them.
     pub(super) captures: Option<(CapturesPlan, CaptureHandle)>,
 }
@@ -121,7 +125,8 @@ pub(super) struct Plan {
 pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     let n_shards = n_shards(config);
-    check_memory(config, &streams, n_shards)?;
+    let needed_bytes = check_memory(config, &streams, n_shards)?;
+    let room = Arc::new(live::Room::new(config.memory_limit_bytes - needed_bytes));
     let metrics = Arc::new(Metrics::new());
     let infos: Vec<_> =
         streams.iter().filter_map(|stream| Some(&stream.as_ref().ok()?.info)).collect();
@@ -140,14 +145,24 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         .map(|(entry, stream)| (entry.machine.id.as_str(), load(stream)))
         .collect();
     let assigned = shard::assign(&loads, n_shards);
-    let (mut sources, mut handles) = (Vec::new(), Vec::new());
+    let (mut sources, mut handles, mut ports) = (Vec::new(), Vec::new(), Vec::new());
     for ((entry, stream), shard) in config.machines.iter().zip(streams).zip(assigned) {
         let shard = &mut shards[shard];
         let link = Link::new(Arc::clone(&shard.queue), shard.machines.len());
         for note in &entry.machine.notes {
             tracing::warn!(machine = entry.machine.id, note, "machine file");
         }
-        let joined = join(config, entry, stream, link, (&stores, &metrics), handles.is_empty())?;
+        let tells_store = handles.is_empty();
+        let joined = match &entry.source {
+            SourceConfig::Tcp => {
+                let shared = (&stores, &metrics, &room);
+                live::joining::join(config, entry, link, shared, tells_store)?
+            }
+            SourceConfig::Replay(_) | SourceConfig::Simulated(_) => {
+                join(config, entry, stream, link, (&stores, &metrics), tells_store)?
+            }
+        };
+        ports.extend(joined.port);
         shard.machines.push(joined.monitored);
         sources.extend(joined.source);
         handles.push(joined.handle);
@@ -168,15 +183,17 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         notify,
         trending,
         trends,
+        ports,
         captures,
     })
 }
 
 /// A machine with its source and what HTTP sees of it.
-struct Joined {
-    monitored: Monitored,
-    source: Option<SourcePlan>,
-    handle: MachineHandle,
+pub(super) struct Joined {
+    pub(super) monitored: Monitored,
+    pub(super) source: Option<SourcePlan>,
+    pub(super) port: Option<Arc<Port>>,
+    pub(super) handle: MachineHandle,
 }
 
 /// Joins a machine to its source and to the stores. `tells_store`: it tells when the store fails.
@@ -225,21 +242,27 @@ fn join(
         view,
         recording: recording_view,
         simulation,
+        ingest: None,
         submit,
     };
-    Ok(Joined { monitored, source, handle })
+    Ok(Joined { monitored, source, port: None, handle })
 }
 
 impl Plan {
     /// What `/metrics` shows.
-    pub(super) fn metrics_text(&self) -> MetricsText {
+    pub(super) fn metrics_text(&self, hub: Option<Arc<live::Hub>>) -> MetricsText {
         let metrics = Arc::clone(&self.metrics);
-        Arc::new(move || metrics.encode())
+        Arc::new(move || {
+            if let Some(hub) = &hub {
+                hub.count(&metrics);
+            }
+            metrics.encode()
+        })
     }
 }
 
 /// CRC-32 of the configuration as it was resolved, the machine files included.
-pub(super) fn configuration_hash(config: &Config) -> String {
+pub(in crate::app) fn configuration_hash(config: &Config) -> String {
     format!("crc32:{:08x}", crc32fast::hash(format!("{config:?}").as_bytes()))
 }
 
@@ -265,6 +288,8 @@ fn open(entry: &MachineConfig) -> Result<Result<Stream, String>, StartError> {
             let info = StreamInfo { start_time, ..source.info().clone() };
             Ok(Ok(Stream { info, simulated: Some(Box::new(source)) }))
         }
+        // Its senders say what it is.
+        SourceConfig::Tcp => Ok(Ok(Stream { info: live::unknown_stream(), simulated: None })),
     }
 }
 
@@ -280,7 +305,7 @@ fn work(
             let (desk, handle) = Desk::new(&source, metrics.simulation(&entry.machine.id));
             (Some(Work::Simulate(source, desk)), Some(handle))
         }
-        (SourceConfig::Simulated(_), None) => (None, None),
+        (SourceConfig::Simulated(_), None) | (SourceConfig::Tcp, _) => (None, None),
     }
 }
 
@@ -297,13 +322,13 @@ fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) 
                 format!("{} {} {changed_s:.6} {judged_by}", settings.file.display(), file.len())
             })
         }
-        SourceConfig::Replay(_) | SourceConfig::Simulated(_) => None,
+        SourceConfig::Replay(_) | SourceConfig::Simulated(_) | SourceConfig::Tcp => None,
     };
     StreamKey { identity, start, judged_by: Some(judged_by) }
 }
 
 /// Lets an engine go on with what is stored of its machine.
-fn restore(
+pub(super) fn restore(
     engine: &mut AlarmEngine,
     machine: &str,
     stream: &StreamKey,
@@ -354,6 +379,7 @@ fn monitor(
                 health: HealthWatch::new(health, None),
                 keeper,
                 trending: None,
+                opener: None,
             });
         }
     };
@@ -378,6 +404,7 @@ fn monitor(
         alarm_events,
         health: HealthWatch::new(health, judged_until_s),
         keeper: keeper_of(&key),
+        opener: None,
     })
 }
 
@@ -394,24 +421,31 @@ fn load(stream: &Result<Stream, String>) -> f64 {
     channels.iter().map(|channel| channel.sample_rate.0).sum()
 }
 
-/// Refuses to start when rings and queues would need more than the limit.
+/// Bytes that the rings of a stream and what is held for captures need.
+pub(super) fn stream_bytes(config: &Config, info: &StreamInfo) -> u64 {
+    let rings = Monitor::ring_bytes(&info.channels, &config.monitor);
+    rings.saturating_add(captures::memory_bytes(config, &info.received)) as u64
+}
+
+/// Refuses to start when rings and queues would need more than the limit; gives what they need.
 fn check_memory(
     config: &Config,
     streams: &[Result<Stream, String>],
     n_shards: usize,
-) -> Result<(), StartError> {
+) -> Result<u64, StartError> {
+    let queues = (n_shards * QUEUE_BYTES) as u64;
     let needs = config.machines.iter().zip(streams).filter_map(|(entry, stream)| {
         let info = &stream.as_ref().ok()?.info;
-        let rings = Monitor::ring_bytes(&info.channels, &config.monitor);
-        let captured = captures::memory_bytes(config, &info.received);
-        Some((rings.saturating_add(captured) as u64, &entry.machine.id))
+        Some((stream_bytes(config, info), &entry.machine.id))
     });
     let needs: Vec<_> = needs.collect();
-    let Some((most, id)) = needs.iter().max() else { return Ok(()) };
+    let Some((most, id)) = needs.iter().max() else {
+        return Ok(queues.min(config.memory_limit_bytes));
+    };
     let rings = needs.iter().fold(0_u64, |sum, (bytes, _)| sum.saturating_add(*bytes));
-    let needed_bytes = rings.saturating_add((n_shards * QUEUE_BYTES) as u64);
+    let needed_bytes = rings.saturating_add(queues);
     if needed_bytes <= config.memory_limit_bytes {
-        return Ok(());
+        return Ok(needed_bytes);
     }
     Err(StartError::Memory {
         needed_bytes,

@@ -9,6 +9,8 @@ use super::build::Work;
 use super::http;
 use super::http::ReadinessCheck;
 use super::link::ShardQueue;
+use super::live;
+use super::live::Hub;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated;
@@ -55,6 +57,8 @@ const STALE_AFTER: Duration = Duration::from_secs(10);
 /// The running daemon.
 pub struct Daemon {
     address: SocketAddr,
+    /// Where senders are listened to.
+    ingest: Option<SocketAddr>,
     handles: Vec<MachineHandle>,
     stop: Arc<Stop>,
     queues: Vec<Arc<ShardQueue>>,
@@ -86,11 +90,19 @@ impl Daemon {
         }
         let runtime = runtime().map_err(|source| system("threads for http", source))?;
         let (address, listener) = bind(config.bind, &runtime)?;
+        let senders =
+            (!plan.ports.is_empty()).then(|| bind_senders(config.ingest.bind)).transpose()?;
         let signals =
             Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
 
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
-        let (metrics_text, readiness) = (plan.metrics_text(), readiness(&plan));
+        let ingest = senders.as_ref().map(|(address, _)| *address);
+        let ports = plan.ports.clone();
+        let hub = (!ports.is_empty()).then(|| {
+            let metrics = plan.metrics.ingest();
+            Arc::new(Hub::new(&config.ingest, ports, metrics, Arc::clone(&stop)))
+        });
+        let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, notify) = (plan.events, plan.notify);
         let (trending, trends) = (plan.trending, plan.trends);
@@ -98,7 +110,7 @@ impl Daemon {
         let clock = keeper.clock;
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(4 + shards.len() + sources.len() + notify.n_threads());
+        let mut threads = Threads::new(5 + shards.len() + sources.len() + notify.n_threads());
         let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
         let started = threads
             .start("store".to_owned(), move || keeping.run())
@@ -111,6 +123,14 @@ impl Daemon {
             .and_then(|()| {
                 let start = |name, work| threads.start(name, work);
                 notify.start(runtime.handle(), &handles, &server_stop, start)
+            })
+            .and_then(|tasks| {
+                let (Some(hub), Some((_, listener))) = (hub.clone(), senders) else {
+                    return Ok(tasks);
+                };
+                let stop = Arc::clone(&stop);
+                let listen = move || live::tcp::run(&listener, &hub, &stop);
+                threads.start("senders".to_owned(), listen).map(|()| tasks)
             })
             .and_then(|tasks| {
                 start_threads(&mut threads, shards, sources, &metrics, &stop).map(|()| tasks)
@@ -133,11 +153,13 @@ impl Daemon {
         let stalled = events.stalled.clone();
         let state = state.with_store(store).with_baselines(baselines).with_events(events);
         let listener = http::Patient::new(listener, stalled);
-        let router = http::router(state.with_trends(trends).with_captures(captures));
+        let state = state.with_trends(trends).with_captures(captures);
+        let router = http::router(state.with_ingest(hub.map(live::pipe::handle)));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {
             address,
+            ingest,
             handles,
             stop,
             queues,
@@ -154,6 +176,12 @@ impl Daemon {
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// Address at which senders are listened to with its real port; `None`: no source has any.
+    #[must_use]
+    pub fn ingest_address(&self) -> Option<SocketAddr> {
+        self.ingest
     }
 
     /// The machines, in the order of the configuration.
@@ -266,6 +294,15 @@ fn bind(
         Ok((listener.local_addr()?, tokio::net::TcpListener::from_std(listener)?))
     });
     bound.map_err(|source| StartError::Bind { address, source })
+}
+
+/// Binds the port of senders.
+fn bind_senders(address: SocketAddr) -> Result<(SocketAddr, TcpListener), StartError> {
+    let bound = TcpListener::bind(address).and_then(|listener| {
+        listener.set_nonblocking(true)?;
+        Ok((listener.local_addr()?, listener))
+    });
+    bound.map_err(|source| StartError::BindSenders { address, source })
 }
 
 fn system(what: &'static str, source: io::Error) -> StartError {

@@ -7,6 +7,7 @@ use crate::api::view::ShardBusy;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
 use crate::capture::received::Received;
+use crate::ingest::replay::StreamInfo;
 use crate::signal::Block;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -29,6 +30,8 @@ pub enum Input {
     },
     /// How the source is doing.
     Source(SourceState),
+    /// The stream is another one from here on.
+    Open(Box<StreamInfo>),
 }
 
 /// Input or request, with the place of the machine on its shard.
@@ -100,6 +103,42 @@ impl Link {
         }
     }
 
+    /// Keeps room for what a live sender's block becomes; false: there is none.
+    ///
+    /// # Errors
+    /// When the daemon is stopping.
+    pub fn keep_room(&self, bytes: usize) -> Result<bool, Closed> {
+        self.queue.keep_room(bytes)
+    }
+
+    /// Hands inputs on for which room was kept.
+    ///
+    /// # Errors
+    /// When the daemon is stopping.
+    pub fn send_kept(
+        &self,
+        inputs: impl IntoIterator<Item = Input>,
+        kept: usize,
+    ) -> Result<(), Closed> {
+        let sized = inputs.into_iter().map(|input| {
+            let bytes = bytes_of(&input);
+            ((self.machine, input), bytes)
+        });
+        self.queue.push_kept(sized, kept)
+    }
+
+    /// How full the queue is, 0 to 1 or more.
+    #[must_use]
+    pub fn fill(&self) -> f64 {
+        self.queue.fill()
+    }
+
+    /// Counts a block that a live sender sent without credit, and for which there was no room.
+    pub fn note_dropped(&self, n_samples: u64) {
+        self.losses.blocks.fetch_add(1, Ordering::Relaxed);
+        self.losses.samples.fetch_add(n_samples, Ordering::Relaxed);
+    }
+
     /// Puts a question to the shard; it is answered between two blocks.
     ///
     /// # Errors
@@ -116,6 +155,7 @@ fn bytes_of(input: &Input) -> usize {
         Input::Rejected { reason, .. } => reason.len(),
         Input::Received(run) => run.bytes(),
         Input::Source(_) => 0,
+        Input::Open(info) => size_of::<StreamInfo>() + info.channels.len() * 512,
     };
     size_of::<(usize, Input)>() + heap
 }

@@ -21,11 +21,13 @@ mod capturing;
 mod captures;
 mod baselines;
 mod learning;
+mod metering;
 pub mod monitored;
 pub mod shard;
 pub mod outlet;
 pub mod source;
 pub mod simulated;
+pub mod live;
 pub mod recording;
 pub mod client;
 pub mod notify;
@@ -46,14 +48,18 @@ use std::time::SystemTime;
 
 /// Runs the daemon until SIGTERM or SIGINT.
 ///
-/// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`.
+/// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`; the second, if a source
+/// has senders, `ingest on tcp://ADDRESS`.
 ///
 /// # Errors
 /// When the daemon cannot be started; nothing has been printed then.
 pub fn run(config: &Config, stdout: &mut dyn Write) -> Result<(), StartError> {
     let mut daemon = Daemon::start(config)?;
-    let printed =
-        writeln!(stdout, "listening on http://{}", daemon.address()).and_then(|()| stdout.flush());
+    let mut lines = format!("listening on http://{}\n", daemon.address());
+    if let Some(address) = daemon.ingest_address() {
+        lines.push_str(&format!("ingest on tcp://{address}\n"));
+    }
+    let printed = stdout.write_all(lines.as_bytes()).and_then(|()| stdout.flush());
     if let Err(error) = printed {
         tracing::warn!(%error, "the address cannot be printed on stdout");
     }

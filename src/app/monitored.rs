@@ -8,6 +8,8 @@ use super::keeper::MachineKeeper;
 use super::learning::Seen;
 use super::link::Input;
 use super::link::Losses;
+use super::live::opening::Opener;
+use super::metering::Meters;
 use super::trend::TrendStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
@@ -22,6 +24,7 @@ use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
+use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::notify::HealthChange;
 use crate::notify::HealthWatch;
@@ -33,8 +36,6 @@ use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
 use crate::signal::Timestamp;
-use crate::telemetry::ChannelMetrics;
-use crate::telemetry::MachineMetrics;
 use crate::telemetry::Metrics;
 use std::panic::AssertUnwindSafe;
 use std::panic::catch_unwind;
@@ -67,6 +68,8 @@ pub struct Opened {
     pub keeper: MachineKeeper,
     /// Way of trends to the store; `None`: they are not stored.
     pub trending: Option<Trending>,
+    /// Opens the streams of live senders; `None`: the stream is known from the start.
+    pub opener: Option<Opener>,
 }
 
 /// The machine.
@@ -90,6 +93,8 @@ pub struct Monitored {
     trends: Vec<TrendStore>,
     /// Their way to the store.
     trending: Option<Trending>,
+    /// What opens the stream of live senders.
+    opener: Option<Opener>,
     /// The windows behind them.
     seen: Seen,
     losses: Arc<Losses>,
@@ -126,6 +131,7 @@ impl Monitored {
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
             trending: opened.trending,
+            opener: opened.opener,
             seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
@@ -156,6 +162,7 @@ impl Monitored {
                     monitor.count_rejected(n_samples, &reason);
                 }
             }
+            Input::Open(info) => self.open(&info, queue_bytes),
             Input::Source(state) => {
                 self.note_source(state);
                 if self.source == SourceState::Finished {
@@ -174,6 +181,42 @@ impl Monitored {
                 self.publish(queue_bytes);
             }
         }
+    }
+
+    /// Goes on with another stream: the alarms stay, rings and windows begin anew.
+    fn open(&mut self, info: &StreamInfo, queue_bytes: usize) {
+        let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
+        self.take_outcomes(outcomes, None, queue_bytes);
+        self.trending.iter_mut().for_each(Trending::close);
+        if let Some(capturing) = &mut self.capturing {
+            capturing.reached(None);
+        }
+        let now = self.alarming.moment(self.stream_time_s());
+        let alarms = self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms);
+        let Some(opener) = &mut self.opener else { return };
+        let fresh = match opener.open(info, alarms, now) {
+            Ok(fresh) => fresh,
+            Err(reason) => {
+                self.note_source(SourceState::Failed(reason));
+                self.publish(queue_bytes);
+                return;
+            }
+        };
+        let mut monitor = fresh.monitor;
+        if let Some(capturing) = &fresh.capturing {
+            capturing.prepare(&mut monitor);
+        }
+        let channels = monitor.channels().to_vec();
+        self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
+        self.trends = vec![TrendStore::default(); channels.len()];
+        self.channels = Arc::new(channels);
+        self.monitor = Some(monitor);
+        self.capturing = fresh.capturing;
+        self.trending = Some(fresh.trending);
+        self.seen = Seen::default();
+        self.features = Arc::default();
+        self.keep(fresh.alarm_events, Vec::new());
+        self.publish(queue_bytes);
     }
 
     /// Exchanges the kept plans: those of the shard go where the work is, so that machines need none of their own.
@@ -303,7 +346,8 @@ impl Monitored {
 
     fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
         self.alarming.note_block(arrived);
-        if self.source == SourceState::Starting {
+        let is_back = self.opener.is_some() && self.source == SourceState::Finished;
+        if self.source == SourceState::Starting || is_back {
             self.note_source(SourceState::Running);
             self.publish(queue_bytes);
         }
@@ -392,7 +436,13 @@ impl Monitored {
     }
 
     fn stream_time_s(&self) -> f64 {
-        newest_time_s(&self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default())
+        let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
+        let is_empty = rings.iter().all(|ring| ring.received == 0);
+        match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
+            // Before the first sample of live senders only the clock says what time it is.
+            Some(start) => (super::wall_clock().0.saturating_sub(start.0)) as f64 / 1e9,
+            None => newest_time_s(&rings),
+        }
     }
 }
 
@@ -437,38 +487,5 @@ fn empty_view() -> MachineView {
         alarm_load: Load::default(),
         queue_bytes: 0,
         dropped: (0, 0),
-    }
-}
-
-/// The machine's counters, and the counts they have been given.
-#[derive(Debug)]
-struct Meters {
-    machine: MachineMetrics,
-    channels: Vec<(ChannelMetrics, RingStatus)>,
-    blocks_dropped: u64,
-}
-
-impl Meters {
-    fn new(metrics: &Metrics, machine: &str, channels: &[ChannelInfo]) -> Self {
-        let counted = |channel: &ChannelInfo| {
-            (metrics.channel(machine, &channel.name), RingStatus::default())
-        };
-        Self {
-            machine: metrics.machine(machine),
-            channels: channels.iter().map(counted).collect(),
-            blocks_dropped: 0,
-        }
-    }
-
-    /// Adds what was counted since the last time.
-    fn update(&mut self, rings: &[RingStatus], blocks_dropped: u64) {
-        for ((counters, before), now) in self.channels.iter_mut().zip(rings) {
-            counters.received.inc_by(now.received - before.received);
-            counters.missing.inc_by(now.missing - before.missing);
-            counters.duplicated.inc_by(now.duplicated - before.duplicated);
-            *before = *now;
-        }
-        self.machine.blocks_dropped.inc_by(blocks_dropped - self.blocks_dropped);
-        self.blocks_dropped = blocks_dropped;
     }
 }

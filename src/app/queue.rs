@@ -119,6 +119,51 @@ impl<T, R> Queue<T, R> {
         Ok(())
     }
 
+    /// Keeps room for items to come; false: there is none. It is used by [`Self::push_kept`].
+    ///
+    /// # Errors
+    /// When the queue is closed.
+    pub fn keep_room(&self, bytes: usize) -> Result<bool, Closed> {
+        let mut lanes = self.lock();
+        if lanes.is_closed {
+            return Err(Closed);
+        }
+        let has_room = lanes.bytes == 0 || lanes.bytes.saturating_add(bytes) <= self.max_bytes;
+        if has_room {
+            lanes.bytes = lanes.bytes.saturating_add(bytes);
+        }
+        Ok(has_room)
+    }
+
+    /// Puts items in for which `kept` bytes were kept, each with its own.
+    ///
+    /// # Errors
+    /// When the queue is closed.
+    pub fn push_kept(
+        &self,
+        items: impl IntoIterator<Item = (T, usize)>,
+        kept: usize,
+    ) -> Result<(), Closed> {
+        let mut lanes = self.lock();
+        if lanes.is_closed {
+            return Err(Closed);
+        }
+        lanes.bytes = lanes.bytes.saturating_sub(kept);
+        for (item, bytes) in items {
+            lanes.put(item, bytes);
+        }
+        drop(lanes);
+        self.arrived.notify_one();
+        self.freed.notify_all();
+        Ok(())
+    }
+
+    /// How full it is, 0 to 1 or more.
+    #[must_use]
+    pub fn fill(&self) -> f64 {
+        self.bytes() as f64 / self.max_bytes.max(1) as f64
+    }
+
     /// Puts a request in if there is room.
     ///
     /// # Errors
@@ -157,7 +202,7 @@ impl<T, R> Queue<T, R> {
         }
         lanes.request_next = true;
         let Some((item, bytes)) = lanes.items.pop_front() else { return Popped::Timeout };
-        lanes.bytes -= bytes;
+        lanes.bytes = lanes.bytes.saturating_sub(bytes);
         drop(lanes);
         self.freed.notify_all();
         Popped::Item(item)
@@ -233,6 +278,23 @@ mod tests {
         assert_eq!(queue.try_push(1, 1), Err(Refused::Full(1)));
         assert_eq!(queue.pop(far()), Popped::Item(0));
         assert_eq!(queue.try_push(1, 1), Ok(()));
+    }
+
+    #[test]
+    fn room_that_is_kept_is_nobody_elses() {
+        let queue: Queue<u32, ()> = Queue::new(100, 1);
+        assert_eq!(queue.keep_room(80), Ok(true));
+        assert_eq!((queue.bytes(), queue.keep_room(30)), (80, Ok(false)));
+        assert_eq!(queue.try_push(9, 1000), Ok(()), "nothing waits: one is taken all the same");
+        queue.push_kept([(0, 20), (1, 30)], 80).unwrap();
+        assert_eq!(queue.bytes(), 1050);
+        assert_eq!(queue.pop(far()), Popped::Item(9));
+        assert!((queue.fill() - 0.5).abs() < 1e-12);
+        queue.push_kept([], 0).unwrap();
+        assert_eq!((queue.pop(far()), queue.pop(far())), (Popped::Item(0), Popped::Item(1)));
+        assert_eq!(queue.bytes(), 0);
+        queue.close();
+        assert_eq!((queue.keep_room(1), queue.push_kept([], 0)), (Err(Closed), Err(Closed)));
     }
 
     #[test]

@@ -59,6 +59,20 @@ impl Recording {
         store: &Arc<Mutex<Store>>,
         (metrics, troubles): (RecordingMetrics, Troubles),
     ) -> Option<(Self, watch::Receiver<RecordingView>)> {
+        let (publisher, view) = watch::channel(RecordingView::default());
+        let recording =
+            Self::with_view(config, entry, info, store, (metrics, publisher, troubles))?;
+        Some((recording, view))
+    }
+
+    /// Makes a recorder that shows its state where others of the machine did before; `None` if nothing is recorded.
+    pub(super) fn with_view(
+        config: &Config,
+        entry: &MachineConfig,
+        info: &StreamInfo,
+        store: &Arc<Mutex<Store>>,
+        (metrics, publisher, troubles): (RecordingMetrics, watch::Sender<RecordingView>, Troubles),
+    ) -> Option<Self> {
         let settings = config.recording?;
         let machine = entry.machine.id.clone();
         let header = RecordingHeader {
@@ -74,10 +88,8 @@ impl Recording {
         let channels: Vec<ReceivedChannel> = info.received.clone();
         let store = Arc::clone(store);
         let recorder = MachineRecorder::new(&machine, header, channels, settings, store);
-        let (publisher, view) = watch::channel(RecordingView::default());
         let (started, told) = (super::now(), Counts::default());
-        let recording = Self { machine, recorder, started, publisher, metrics, troubles, told };
-        Some((recording, view))
+        Some(Self { machine, recorder, started, publisher, metrics, troubles, told })
     }
 
     /// Records a run.

@@ -90,6 +90,14 @@ pub enum StartError {
         /// Why.
         source: io::Error,
     },
+    /// The port of senders cannot be bound.
+    #[error("the address {address} cannot be bound, choose another in [ingest] bind")]
+    BindSenders {
+        /// The address.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
     /// The system does not give a thread or a signal handler.
     #[error("the system refused {what}")]
     System {

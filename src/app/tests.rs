@@ -143,6 +143,7 @@ pub(super) fn running_on(
         alarm_events: Vec::new(),
         keeper: MachineKeeper::new(keeper, "rig-1", StreamKey::default(), true),
         trending: None,
+        opener: None,
     };
     thread::spawn(move || keeping.run());
     let (monitored, view) =

@@ -66,6 +66,7 @@ mod tests {
             direction: None,
             usable: None,
             sensitivity_v_per_unit,
+            gap_v: None,
             tacho: None,
         }
     }

@@ -428,6 +428,7 @@ fn sensor(channel: &str, unit: &str) -> Sensor {
         direction: None,
         usable: None,
         sensitivity_v_per_unit: None,
+        gap_v: None,
         tacho: None,
     }
 }

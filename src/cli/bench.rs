@@ -1,5 +1,7 @@
 //! `rotorwatch bench`: what the program measures of itself, as a table, CSV, JSON and a plot.
 
+use super::bench_live;
+use super::bench_live::LiveError;
 use super::output::Output;
 use super::output::OutputError;
 use super::simulate;
@@ -30,11 +32,14 @@ Examples:
   rotorwatch bench stability
   rotorwatch bench signal --out figures
   rotorwatch bench monitor
+  rotorwatch bench monitor --channels 100 --seconds 20
 
 simulator: error and processor time of classes of scenes at several accuracies asked for (minutes).
 stability: the simulator's hard cases against what is known of them (a minute).
 signal: error and processor time of every transform in f32 and f64, and channels a core (a minute).
-monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory (a minute).
+monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory (a minute); with --channels the
+daemon itself on what a sender streams in real time, 10 kHz each: processor time, latency, memory, and whether the
+ledger is exact.
 With --out the tables are also written there as CSV and JSON, simulator and signal as a plot (SVG).
 docs/performance.md says what the columns mean.
 
@@ -49,6 +54,16 @@ pub struct Arguments {
     /// Folder for the tables, made if it is not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// monitor: stream so many channels into a daemon.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub channels: Option<u32>,
+    /// monitor: stream for so long, s.
+    #[arg(long, value_name = "S", default_value_t = 20, requires = "channels",
+          value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    pub seconds: u32,
+    /// monitor: only receive, buffer and count; one channel of each hundred is judged.
+    #[arg(long, requires = "channels")]
+    pub receive_only: bool,
     /// One round of one job of `signal` in f32, as an object, and another for every line of stdin: for
     /// comparisons by turns.
     #[arg(long, value_name = "NAME", hide = true)]
@@ -81,6 +96,8 @@ enum Failure {
     #[error("stdin: cannot be read")]
     Input(#[source] io::Error),
     #[error(transparent)]
+    Live(#[from] LiveError),
+    #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -112,7 +129,22 @@ fn measure(arguments: &Arguments) -> Result<(), Failure> {
         let cannot = |source| Failure::Folder { folder: folder.clone(), source };
         fs::create_dir_all(folder).map_err(cannot)?;
     }
+    if let Some(n_channels) = arguments.channels.filter(|_| arguments.bench == Bench::Monitor) {
+        let n_channels = usize::try_from(n_channels).unwrap_or(usize::MAX);
+        let (seconds, receive_only) = (arguments.seconds, arguments.receive_only);
+        let load = bench_live::Load { n_channels, seconds, receive_only };
+        return bench_streamed(load, arguments.out.as_deref());
+    }
     bench(arguments.out.as_deref(), arguments.quick)
+}
+
+fn bench_streamed(load: bench_live::Load, out: Option<&Path>) -> Result<(), Failure> {
+    let mut page = Page::begin(&bench_live::COLUMNS)?;
+    let row = bench_live::run(load)?;
+    page.row(&row)?;
+    let is_exact = !row.contains(&Cell::Flag(false));
+    page.write("live", out, &bench_live::settings(load), &[row])?;
+    if is_exact { Ok(()) } else { Err(Failure::Missed { n: 1, total: 1 }) }
 }
 
 fn bench_simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {

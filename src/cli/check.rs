@@ -317,6 +317,13 @@ fn configuration(name: &str, config: &Config) -> String {
             SourceConfig::Simulated(simulated) => {
                 format!("simulated scene {} {}\n", simulated.scene.name, pace(simulated.speed))
             }
+            SourceConfig::Tcp => {
+                let tokens = match config.ingest.tokens.len() {
+                    0 => "without tokens".to_owned(),
+                    n => format!("with one of {n} tokens"),
+                };
+                format!("senders over tcp on {}, {tokens}\n", config.ingest.bind)
+            }
         };
         text.push_str(&indented(&(report::summary(&entry.machine) + &source)));
     }

@@ -12,6 +12,7 @@ pub mod report;
 pub mod page;
 pub mod diagnose;
 mod replayed;
+pub mod replay;
 pub mod evaluate;
 pub mod check;
 pub mod bearings;
@@ -23,6 +24,7 @@ pub mod alarms;
 pub mod export;
 pub mod replay_alarms;
 pub mod bench;
+pub mod bench_live;
 pub mod openapi;
 pub mod completions;
 pub mod man;
@@ -99,6 +101,9 @@ pub enum Command {
     /// Run the daemon: watch machines and answer over HTTP
     #[command(after_help = serve::EXAMPLES)]
     Serve(serve::Arguments),
+    /// Stream a capture into a running daemon, as acquisition hardware would
+    #[command(after_help = replay::EXAMPLES)]
+    Replay(replay::Arguments),
     /// Run the daemon on the simulated rig, with nothing configured
     #[command(after_help = demo::EXAMPLES)]
     Demo(demo::Arguments),
@@ -146,6 +151,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Bearings(arguments) => bearings::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Replay(arguments) => replay::run(arguments),
         Command::Demo(arguments) => demo::run(arguments),
         Command::Baseline(arguments) => baseline::run(arguments),
         Command::Alarms(arguments) => alarms::run(arguments),

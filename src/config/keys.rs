@@ -31,7 +31,7 @@ pub struct Key {
 
 /// Sections that stand once.
 pub const SECTIONS: &[&str] =
-    &["server", "store", "recording", "captures", "pipeline", "diagnosis", "alarms"];
+    &["server", "ingest", "store", "recording", "captures", "pipeline", "diagnosis", "alarms"];
 
 /// Sections that may be repeated, as `[[machine]]`; one with a point stands below a section of its own.
 pub const LISTS: &[&str] = &["machine", "source", "notify.webhook", "notify.mqtt"];
@@ -42,6 +42,9 @@ const MAX_BYTES: u64 = 1 << 53;
 /// Every key.
 pub const KEYS: &[Key] = &[
     key("server", "bind", Kind::Text),
+    key("ingest", "bind", Kind::Text),
+    key("ingest", "token_file", Kind::Text),
+    key("ingest", "max_connections", Kind::Whole(1, 4096)),
     key("store", "directory", Kind::Text),
     key("store", "max_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
     key("store", "trend_days", Kind::Whole(1, 36_500)),

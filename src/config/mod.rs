@@ -9,6 +9,10 @@ mod scan;
 mod raw;
 mod resolve;
 mod notify;
+mod ingest;
+
+pub use ingest::Ingest;
+pub use ingest::Token;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;
@@ -35,6 +39,8 @@ pub const REFERENCE: &str = include_str!("../../config/default.toml");
 pub struct Config {
     /// Where HTTP is served; a loopback address. Port 0: any free port.
     pub bind: SocketAddr,
+    /// How senders of samples are let in.
+    pub ingest: Ingest,
     /// Where recordings are kept.
     pub store: Store,
     /// Shard threads; 0: one fewer than there are cores, at least 1.
@@ -121,12 +127,15 @@ pub enum SourceConfig {
     Replay(replay::Settings),
     /// A scene, simulated as long as the daemon runs.
     Simulated(Box<simulated::Settings>),
+    /// Senders on a network, by the protocol of docs/wire.md.
+    Tcp,
 }
 
 impl Default for Config {
     fn default() -> Self {
         Self {
             bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
+            ingest: Ingest::default(),
             store: Store::default(),
             recording: None,
             captures: Some(CAPTURES),

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Raw {
     pub(super) server: Server,
+    pub(super) ingest: Ingest,
     pub(super) store: Store,
     pub(super) recording: Recording,
     pub(super) captures: Captures,
@@ -25,6 +26,15 @@ pub(super) struct Raw {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Server {
     pub(super) bind: Option<String>,
+}
+
+/// `[ingest]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Ingest {
+    pub(super) bind: Option<String>,
+    pub(super) token_file: Option<String>,
+    pub(super) max_connections: Option<usize>,
 }
 
 /// `[store]`

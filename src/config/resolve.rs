@@ -36,7 +36,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Source kinds of the contract that this version does not have yet.
-const LATER_KINDS: &[&str] = &["tcp", "mqtt"];
+const LATER_KINDS: &[&str] = &["mqtt"];
 
 /// Longest stretch of the past that is held for captures without being asked for, s.
 const MAX_SECONDS_BEFORE: f64 = 600.0;
@@ -62,6 +62,7 @@ pub(super) fn config(
     let monitor = resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor);
     Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
+        ingest: resolver.ingest(raw.ingest),
         store: Store {
             directory: base
                 .join(raw.store.directory.map_or(default.store.directory, PathBuf::from)),
@@ -336,13 +337,20 @@ impl Resolver<'_> {
         match kind.as_str() {
             "replay" => self.replay(path, raw),
             "simulated" => self.simulated(path, raw),
+            "tcp" => {
+                for keys in [OF_REPLAY, OF_SIMULATED, &["speed"]] {
+                    self.foreign_keys(path, "tcp", keys);
+                }
+                Some(SourceConfig::Tcp)
+            }
             _ => {
                 let why = if LATER_KINDS.contains(&kind.as_str()) {
                     "is not available in this version"
                 } else {
                     "is no kind of source"
                 };
-                let message = format!("{kind:?} {why}, allowed: \"replay\", \"simulated\"");
+                let message =
+                    format!("{kind:?} {why}, allowed: \"replay\", \"simulated\", \"tcp\"");
                 self.report(&format!("{path}.kind"), message);
                 None
             }

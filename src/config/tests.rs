@@ -118,11 +118,11 @@ speed = "fast"
         "4:1: server.port: unknown key, allowed here: bind",
         "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
         "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
-        "9:2: alarm: unknown key, allowed here: server, store, recording, captures, pipeline, diagnosis, alarms, machine, source",
+        "9:2: alarm: unknown key, allowed here: server, ingest, store, recording, captures, pipeline, diagnosis, alarms, machine, source",
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
-        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\", \"simulated\"",
+        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\", \"simulated\", \"tcp\"",
         "15:1: source[0].machine: no machine has the id \"rig-2\", known: rig-1",
         "12:1: machine[0].baseline: there is no file",
         "10:1: machine[0]: machine \"rig-1\" has no source",
@@ -132,6 +132,37 @@ speed = "fast"
         assert!(found.iter().any(|m| m.starts_with(expected)), "{expected}\nnot in {found:#?}");
     }
     assert_eq!(found.len(), expected.len(), "{found:#?}");
+}
+
+#[test]
+fn senders_need_tokens_where_others_reach_and_no_message_shows_one() {
+    let tcp = "[[machine]]\nfile = \"rig.toml\"\n[[source]]\nkind = \"tcp\"\nmachine = \"rig-1\"\n";
+    let config = load_text(tcp, &[]).unwrap();
+    assert_eq!(config.machines[0].source, SourceConfig::Tcp);
+    assert_eq!(config.ingest, Ingest::default());
+    let found = mistakes(&format!("{tcp}speed = 1\nscene = \"GG_GS_GB\"\n"), &[]);
+    assert!(
+        found.iter().all(|m| m.contains("a source of the kind \"tcp\" has no such key")),
+        "{found:#?}"
+    );
+    assert_eq!(found.len(), 2, "{found:#?}");
+    let open = format!("[ingest]\nbind = \"0.0.0.0:8081\"\n{tcp}");
+    let found = mistakes(&open, &[]);
+    assert!(found[0].starts_with("2:1: ingest.bind: 0.0.0.0:8081 can be reached"), "{found:#?}");
+    let with = |tokens: &str| {
+        let dir = folder(&open.replace("[ingest]\n", "[ingest]\ntoken_file = \"tokens\"\n"));
+        fs::write(dir.path().join("tokens"), tokens).unwrap();
+        load_with(&dir.path().join("serve.toml"), [])
+    };
+    let config = with("# ours\n\n0123456789abcdef\n  fedcba9876543210  \n").unwrap();
+    let known = |text: &str| config.ingest.tokens.iter().any(|token| token.is(text));
+    assert!(known("0123456789abcdef") && known("fedcba9876543210"));
+    assert!(!known("0123456789abcdeF") && !known("") && !known("# ours"));
+    assert!(!format!("{config:?}").contains("0123456789abcdef"));
+    for tokens in ["", "# none\n", "0123456789abcde\n"] {
+        let errors = with(tokens).unwrap_err().to_string();
+        assert!(errors.contains("ingest.token_file") && !errors.contains("0123"), "{errors}");
+    }
 }
 
 #[test]

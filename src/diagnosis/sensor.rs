@@ -55,6 +55,14 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
             0.3,
             format!("the signal takes {levels} values only: the range is too wide for it"),
         ),
+        (Some(SensorFlaw::Gap { volts, allowed: (low, high) }), _) => (
+            Some(FaultMode::WrongRange),
+            State::Warning,
+            0.3,
+            format!(
+                "the gap voltage is {volts:.2} V; the probe may be believed from {low} to {high} V (gap_v)"
+            ),
+        ),
         (None, Some(reason)) => {
             return Some(ComponentDiagnosis::undetermined(
                 id,

@@ -201,7 +201,13 @@ impl Extractor {
                             SensorKind::Accelerometer
                             | SensorKind::Velocity
                             | SensorKind::Proximitor => {
+                                let described = &self.machine.sensors[sensor];
+                                let gap = || {
+                                    let mean = moments.mean + info.offset;
+                                    sensor::find_gap(described, info.unit, mean)
+                                };
                                 sensor::find_flaw(run.samples, &moments, info.full_scale)
+                                    .or_else(gap)
                             }
                             SensorKind::Tacho
                             | SensorKind::Speed

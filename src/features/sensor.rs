@@ -2,7 +2,9 @@
 
 use crate::dsp::stats;
 use crate::dsp::stats::Moments;
+use crate::machine::sensor::Sensor;
 use crate::signal::ChannelIndex;
+use crate::units::Unit;
 
 /// What is wrong with a sensor's signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +32,13 @@ pub enum SensorFlaw {
     WrongRange {
         /// How many.
         levels: usize,
+    },
+    /// A probe stands too near or too far: its gap voltage lies outside the range in which it may be believed.
+    Gap {
+        /// Gap voltage, V.
+        volts: f64,
+        /// Lowest and highest that is allowed, V.
+        allowed: (f64, f64),
     },
 }
 
@@ -126,6 +135,17 @@ pub fn find_flaw(
     let part = energy / (n * moments.variance()?);
     (count >= FEWEST_SPIKES && part >= SPIKES_PART)
         .then_some(SensorFlaw::Spiking { count, part: part.min(1.0) })
+}
+
+/// Holds the mean of a probe's window, in the unit of its samples with its offset, against the gap voltages that its
+/// sensor may have.
+#[must_use]
+pub fn find_gap(sensor: &Sensor, unit: Unit, mean: f64) -> Option<SensorFlaw> {
+    let allowed = sensor.gap_v?;
+    // Volts with a sensitivity have become a length; without one they are volts still.
+    let volts = if unit == Unit::Volt { mean } else { mean * sensor.sensitivity_v_per_unit? };
+    let is_within = (allowed.0..=allowed.1).contains(&volts);
+    (!is_within).then_some(SensorFlaw::Gap { volts, allowed })
 }
 
 /// Number and summed squares of single samples far off the mean of their neighbours, which themselves lie where those
@@ -239,6 +259,25 @@ mod tests {
     fn a_coarse_quantiser_is_not_clipped() {
         let coarse: Vec<f32> = sine(20_000).iter().map(|v| (v * 8.0).round() / 8.0).collect();
         assert_eq!(flaw(&coarse), None);
+    }
+
+    #[test]
+    fn a_gap_outside_its_range_is_found_in_volts_and_in_micrometres() {
+        let probe = |sensitivity: &str| {
+            let text = format!(
+                "[machine]\nid='m'\n[[shaft]]\nid='s'\nspeed_hz=10\n[[sensor]]\nchannel='x'\nkind='proximitor'\n\
+                 unit='V'\nat={{shaft='s'}}\ngap_v=[-11, -9]\n{sensitivity}"
+            );
+            crate::machine::file::parse(&text, "m.toml").unwrap().sensors.remove(0)
+        };
+        let raw = probe("");
+        assert_eq!(find_gap(&raw, Unit::Volt, -10.0), None);
+        let found = find_gap(&raw, Unit::Volt, -12.5);
+        assert_eq!(found, Some(SensorFlaw::Gap { volts: -12.5, allowed: (-11.0, -9.0) }));
+        // 7.87 mV/µm: −10 V are −1270.6 µm, −8.9 V are −1130.9 µm.
+        let calibrated = probe("sensitivity_v_per_unit=0.00787");
+        assert_eq!(find_gap(&calibrated, Unit::Micrometre, -1270.6), None);
+        assert!(find_gap(&calibrated, Unit::Micrometre, -1130.9).is_some());
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! neither the clock nor the queue behind them. Must not know what becomes of the samples.
 
 pub mod interleave;
+pub mod live;
 mod shift;
+pub mod outgoing;
 pub mod replay;
 pub mod simulated;

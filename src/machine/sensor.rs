@@ -85,6 +85,8 @@ pub struct Sensor {
     /// Volts per canonical unit of the kind ([`SensorKind::canonical_unit`]); only with unit V,
     /// never 0, negative when the sensor is wired the other way round.
     pub sensitivity_v_per_unit: Option<f64>,
+    /// Lowest and highest gap voltage at which a probe may be believed, V; only with unit V.
+    pub gap_v: Option<(f64, f64)>,
     /// For tachos.
     pub tacho: Option<TachoMark>,
 }

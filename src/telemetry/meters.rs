@@ -1,6 +1,8 @@
 //! What each part of the daemon counts with: handles of metrics that are registered elsewhere.
 
+use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use std::sync::atomic::AtomicU64;
@@ -153,6 +155,29 @@ pub struct RoomMetrics {
     pub trends: Counter,
     /// Bytes that are free on the disk of the store.
     pub free: Gauge,
+}
+
+/// Labels of senders refused.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+pub(super) struct RefusalLabels {
+    reason: String,
+}
+
+/// What becomes of connections of senders.
+#[derive(Debug, Clone, Default)]
+pub struct IngestMetrics {
+    /// Connections there are.
+    pub connections: Gauge,
+    /// Those refused or cut off.
+    pub(super) refusals: Family<RefusalLabels, Counter>,
+}
+
+impl IngestMetrics {
+    /// Connections refused or cut off with an error.
+    #[must_use]
+    pub fn refused(&self, reason: &str) -> Counter {
+        self.refusals.get_or_create_owned(&RefusalLabels { reason: reason.to_owned() })
+    }
 }
 
 /// Gauges of a simulated source.

@@ -13,6 +13,7 @@ pub use log::start_log;
 pub use meters::AlarmLoadMetrics;
 pub use meters::CaptureMetrics;
 pub use meters::ChannelMetrics;
+pub use meters::IngestMetrics;
 pub use meters::MachineMetrics;
 pub use meters::ReceiverMetrics;
 pub use meters::RecordingMetrics;
@@ -56,6 +57,14 @@ struct MachineLabels {
 struct AlarmLabels {
     machine: String,
     what: String,
+}
+
+/// Labels of what became of a channel's samples.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct FateLabels {
+    machine: String,
+    channel: String,
+    fate: String,
 }
 
 /// Labels of what became of notifications.
@@ -108,6 +117,9 @@ pub struct Metrics {
     trends: TrendMetrics,
     captures: CaptureMetrics,
     room: RoomMetrics,
+    ingest: IngestMetrics,
+    ingested: Family<FateLabels, Counter>,
+    clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
 }
 
 impl fmt::Debug for Metrics {
@@ -159,6 +171,9 @@ impl Metrics {
             trends: TrendMetrics::default(),
             captures: CaptureMetrics::default(),
             room: RoomMetrics::default(),
+            ingest: IngestMetrics::default(),
+            ingested: Family::default(),
+            clock_drift: Family::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -192,6 +207,7 @@ impl Metrics {
         metrics.register_notifications(&mut registry);
         metrics.register_captures(&mut registry);
         metrics.register_room(&mut registry);
+        metrics.register_ingest(&mut registry);
         metrics.registry = registry;
         metrics
     }
@@ -256,6 +272,41 @@ impl Metrics {
         registry.register("trend_files", "Files of stored trends", files.clone());
         let text = "Damaged files of trends put aside since the start";
         registry.register("trend_files_set_aside", text, set_aside.clone());
+    }
+
+    fn register_ingest(&self, registry: &mut Registry) {
+        let text = "What became of the samples of live senders";
+        registry.register("ingest_samples", text, self.ingested.clone());
+        let text = "Samples by the wall clock beyond those stated, parts in a million";
+        registry.register("clock_drift_ppm", text, self.clock_drift.clone());
+        let text = "Senders that are connected";
+        registry.register("ingest_connections", text, self.ingest.connections.clone());
+        let text = "Senders refused or cut off, by the error they were told";
+        registry.register("ingest_refused", text, self.ingest.refusals.clone());
+    }
+
+    /// Counters of senders.
+    #[must_use]
+    pub fn ingest(&self) -> IngestMetrics {
+        self.ingest.clone()
+    }
+
+    /// Samples of a live channel that became `fate`.
+    #[must_use]
+    pub fn ingested(&self, machine: &str, channel: &str, fate: &str) -> Counter {
+        let labels = FateLabels {
+            machine: machine.to_owned(),
+            channel: channel.to_owned(),
+            fate: fate.to_owned(),
+        };
+        self.ingested.get_or_create_owned(&labels)
+    }
+
+    /// How the sample clock of a live channel runs.
+    #[must_use]
+    pub fn clock_drift(&self, machine: &str, channel: &str) -> Gauge<f64, AtomicU64> {
+        let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
+        self.clock_drift.get_or_create_owned(&labels)
     }
 
     fn register_captures(&self, registry: &mut Registry) {

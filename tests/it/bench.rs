@@ -147,6 +147,23 @@ fn the_pipeline_has_throughput_latency_and_memory() {
 }
 
 #[test]
+fn a_streamed_load_is_counted_exactly() {
+    for more in [&["--receive-only"][..], &[]] {
+        let dir = TempDir::new().unwrap();
+        let mut command = support::command();
+        command.args(["bench", "monitor", "--channels", "5", "--seconds", "2"]).args(more);
+        let ended = support::run(command.arg("--out").arg(dir.path()));
+        assert_eq!(ended.status.code(), Some(0), "{}{}", ended.stdout, ended.stderr);
+        let rows = rows(dir.path(), "live");
+        let number = |key: &str| rows[0][key].as_f64().unwrap();
+        // 5 channels of 10 kHz for 2 s.
+        assert_eq!((number("sent"), number("used"), number("lost")), (1e5, 1e5, 0.0), "{rows:?}");
+        assert_eq!(rows[0]["exact"], true);
+        assert!(number("took_s") >= 2.0 && number("verdicts") >= 1.0, "{rows:?}");
+    }
+}
+
+#[test]
 fn a_folder_that_cannot_be_made_ends_with_2() {
     let ended =
         support::run(support::command().args(["bench", "stability", "--out", "/dev/null/x"]));

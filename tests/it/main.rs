@@ -8,6 +8,7 @@ mod scene;
 mod impulses;
 mod command_line;
 mod replay;
+mod live;
 mod shutdown;
 mod damaged_bearing;
 mod gaps;

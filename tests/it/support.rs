@@ -12,6 +12,7 @@ use std::io::Write;
 use std::net::Shutdown;
 use std::net::TcpStream;
 use std::process::Child;
+use std::process::ChildStdout;
 use std::process::Command;
 use std::process::ExitStatus;
 use std::process::Stdio;
@@ -172,7 +173,20 @@ impl Daemon {
         Self::spawn(command, dir)
     }
 
-    fn spawn(mut command: Command, dir: TempDir) -> Self {
+    /// As [`Self::start_in`], with the second line on stdout.
+    pub(crate) fn start_with_second_line(dir: TempDir) -> (Self, String) {
+        let command = serve(&dir);
+        let (daemon, mut stdout) = Self::spawn_reading(command, dir);
+        let mut line = String::new();
+        stdout.read_line(&mut line).unwrap();
+        (daemon, line.trim_end().to_owned())
+    }
+
+    fn spawn(command: Command, dir: TempDir) -> Self {
+        Self::spawn_reading(command, dir).0
+    }
+
+    fn spawn_reading(mut command: Command, dir: TempDir) -> (Self, BufReader<ChildStdout>) {
         let mut child = command.spawn().unwrap();
         let mut stderr_pipe = child.stderr.take().unwrap();
         let stderr = thread::spawn(move || {
@@ -182,12 +196,14 @@ impl Daemon {
         });
         // Ends by itself: with the line, or with the process.
         let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        stdout.read_line(&mut line).unwrap();
         let Some(url) = line.strip_prefix("listening on ") else {
             child.kill().unwrap();
             panic!("first line {line:?}, stderr:\n{}", stderr.join().unwrap());
         };
-        Self { base_url: url.trim_end().to_owned(), child, dir, stderr: Some(stderr) }
+        let base_url = url.trim_end().to_owned();
+        (Self { base_url, child, dir, stderr: Some(stderr) }, stdout)
     }
 
     /// Status and text of a `GET`, whatever the status.

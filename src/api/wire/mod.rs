@@ -19,6 +19,7 @@ pub mod baselines;
 pub mod problem;
 pub mod system;
 pub mod simulation;
+pub mod ingest;
 pub mod rerun;
 mod tooth;
 

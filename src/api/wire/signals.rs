@@ -1,7 +1,9 @@
 //! Channels, waveforms, spectra, scalograms and trends as JSON, in columns.
 
 use super::names::DetectorName;
-use super::{KindName, TierName};
+use super::{KindName, TierName, finite, rfc3339};
+use crate::ingest::live::intake::ChannelStatus;
+use crate::ingest::live::ledger::Ledger;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -58,6 +60,98 @@ pub struct ChannelWire {
     pub duplicated: u64,
     /// Samples at the ends of the source's number range.
     pub clipped: u64,
+    /// What became of the samples of a live sender; null for other sources.
+    pub ledger: Option<LedgerWire>,
+}
+
+/// What became of every sample of a channel, in counts since the start of the daemon: received = used + late +
+/// duplicate + not_finite + out_of_range + dropped.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct LedgerWire {
+    /// Samples that came, in frames without an error.
+    pub received: u64,
+    /// Samples handed on to the analysis.
+    pub used: u64,
+    /// Samples that came after later ones; counted in `lost` too.
+    pub late: u64,
+    /// Samples that had come before.
+    pub duplicate: u64,
+    /// Samples that are no finite numbers.
+    pub not_finite: u64,
+    /// Samples beyond the range of the converter.
+    pub out_of_range: u64,
+    /// Samples without room, of a sender that sent more than it had credit for.
+    pub dropped: u64,
+    /// Samples that had not come when later ones did.
+    pub lost: u64,
+    /// Times that samples were lost.
+    pub gaps: u64,
+    /// Of the samples used, those at the ends of the converter's range.
+    pub clipped: u64,
+    /// Blocks that came.
+    pub blocks: u64,
+    /// Blocks that had not come when later ones did.
+    pub blocks_lost: u64,
+    /// How much more samples a second of the wall clock come than stated, parts in a million; null: too little is known.
+    pub clock_drift_ppm: Option<f64>,
+    /// Samples a second by the wall clock.
+    pub measured_rate_hz: Option<f64>,
+    /// What is wrong with the clock: a rate that is off by more than clocks drift.
+    pub warning: Option<String>,
+    /// Where it is sent from at the moment; null: nobody sends it.
+    pub sender: Option<String>,
+    /// Since when.
+    pub sender_since: Option<String>,
+}
+
+impl LedgerWire {
+    /// Makes it of a channel's status.
+    #[must_use]
+    pub fn new(status: &ChannelStatus) -> Self {
+        let Ledger {
+            received,
+            used,
+            late,
+            duplicate,
+            not_finite,
+            out_of_range,
+            dropped,
+            lost,
+            gaps,
+            clipped,
+            blocks,
+            blocks_lost,
+        } = status.ledger;
+        let clock = status.clock;
+        let measured_hz = clock.map(|clock| clock.rate_hz(status.rate_hz));
+        let is_wrong = clock.is_some_and(|clock| clock.is_wrong_rate());
+        let warning = measured_hz.filter(|_| is_wrong).map(|measured_hz| {
+            format!(
+                "{measured_hz:.3} samples a second come and {} are stated: all frequencies are off by as much",
+                status.rate_hz
+            )
+        });
+        let (sender, since) = status.sender.clone().unzip();
+        Self {
+            received,
+            used,
+            late,
+            duplicate,
+            not_finite,
+            out_of_range,
+            dropped,
+            lost,
+            gaps,
+            clipped,
+            blocks,
+            blocks_lost,
+            clock_drift_ppm: clock.and_then(|clock| finite(clock.ppm)),
+            measured_rate_hz: measured_hz.and_then(finite),
+            warning,
+            sender,
+            sender_since: since.map(|since| rfc3339(Some(since), 0.0)),
+        }
+    }
 }
 
 /// Raw samples of one channel.

@@ -86,7 +86,7 @@ enum Job {
 pub(super) struct Capturer {
     jobs: mpsc::SyncSender<Job>,
     waiting: Arc<AtomicUsize>,
-    max_waiting: usize,
+    max_waiting: Arc<AtomicUsize>,
     keys: Arc<AtomicU64>,
 }
 
@@ -129,8 +129,14 @@ impl Capturer {
         self.send(Job::Refuse { machine: machine.to_owned(), alarms, why }, 0);
     }
 
+    /// Lets so much more wait for the disk: a stream has become known.
+    pub(super) fn allow_more(&self, bytes: usize) {
+        self.max_waiting.fetch_add(bytes, Ordering::Relaxed);
+    }
+
     fn has_room(&self, bytes: usize) -> bool {
-        self.waiting.load(Ordering::Relaxed).saturating_add(bytes) <= self.max_waiting
+        let would_wait = self.waiting.load(Ordering::Relaxed).saturating_add(bytes);
+        would_wait <= self.max_waiting.load(Ordering::Relaxed)
     }
 
     fn send(&self, job: Job, bytes: usize) -> bool {
@@ -185,6 +191,7 @@ pub(super) fn open(
     }
     let (jobs, inbox) = mpsc::sync_channel(QUEUE);
     let waiting = Arc::new(AtomicUsize::new(0));
+    let max_waiting = Arc::new(AtomicUsize::new(max_waiting));
     let capturer =
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
     let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root };

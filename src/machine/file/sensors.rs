@@ -15,6 +15,9 @@ const USABLE_HZ: NumberRange = NumberRange::closed(0.0, 1e7);
 /// Volts per unit, either polarity; zero is refused apart.
 const SENSITIVITY: NumberRange = NumberRange::closed(-1e6, 1e6);
 
+/// Gap voltages of probes.
+const GAP_V: NumberRange = NumberRange::closed(-100.0, 100.0);
+
 const MAX_PULSES_PER_REV: u32 = 100_000;
 
 /// Rule of the units of process values, which the monitor only shows.
@@ -44,8 +47,10 @@ pub(super) fn read<'s>(
     let direction = section.choice("direction", Need::Optional, &directions);
     let usable = section.interval("usable_hz", USABLE_HZ);
     let sensitivity = section.number("sensitivity_v_per_unit", Need::Optional, SENSITIVITY);
+    let gap_v = section.interval("gap_v", GAP_V);
     let tacho = read_tacho(&mut section, kind);
     if let Some(kind) = kind {
+        check_gap(&section, kind, unit.as_ref());
         check_direction(&section, kind, direction);
         check_sensitivity(&section, kind, unit.as_ref(), sensitivity);
     }
@@ -59,6 +64,7 @@ pub(super) fn read<'s>(
         direction,
         usable: usable.map(|(low, high)| (Hz(low), Hz(high))),
         sensitivity_v_per_unit: sensitivity,
+        gap_v,
         tacho,
     })
 }
@@ -187,6 +193,17 @@ fn check_sensitivity(
     if sensitivity == Some(0.0) {
         section.refuse(KEY, format!("a number other than 0, V per {}", physical.symbol()));
     } else if !volts && !unit_refused {
+        section.refuse(KEY, "only beside unit = \"V\"");
+    }
+}
+
+fn check_gap(section: &Section<'_>, kind: SensorKind, unit: Option<&(String, SourceUnit)>) {
+    const KEY: &str = "gap_v";
+    let volts = unit.is_some_and(|(_, unit)| unit.canonical == Unit::Volt);
+    let unit_refused = unit.is_none() && section.has("unit");
+    if kind != SensorKind::Proximitor {
+        refuse_if_present(section, KEY, kind, "only for kind proximitor");
+    } else if section.has(KEY) && !volts && !unit_refused {
         section.refuse(KEY, "only beside unit = \"V\"");
     }
 }

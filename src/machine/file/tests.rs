@@ -269,6 +269,15 @@ fn sensors_fit_their_kind() {
     one_mistake(&sensor("axis_deg=400"), "10:10", &["from -360 to 360"]);
     assert!(parse(&machine_with(&sensor("unit='V'\nsensitivity_v_per_unit=-0.1")), "").is_ok());
 
+    let probe = |rest: &str| {
+        format!("[[sensor]]\nchannel='a'\nkind='proximitor'\nat={{shaft='main'}}\n{rest}\n")
+    };
+    one_mistake(&sensor("unit='V'\ngap_v=[-11, -9]"), "11:7", &["only for kind proximitor"]);
+    one_mistake(&probe("unit='um'\ngap_v=[-11, -9]"), "11:7", &["unit = \"V\""]);
+    one_mistake(&probe("unit='V'\ngap_v=[-9, -11]"), "11:7", &["low below high"]);
+    let machine = parse(&machine_with(&probe("unit='V'\ngap_v=[-11, -9]")), "").unwrap();
+    assert_eq!(machine.sensors[0].gap_v, Some((-11.0, -9.0)));
+
     let place = |at: &str| format!("[[sensor]]\nchannel='a'\nkind='proximitor'\nat={at}\n");
     one_mistake(&place("{}"), "9:4", &["no place"]);
     one_mistake(&place("{gear='g'}"), "9:10", &["there is none (no [[gear]])"]);

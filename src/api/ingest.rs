@@ -1,0 +1,142 @@
+//! Senders of samples over a WebSocket: moves messages, and speaks JSON with those who do.
+//!
+//! Binary messages are the frames of `docs/wire.md` as they are. A sender whose first message is a text speaks JSON; what
+//! it says becomes frames, and frames become what it is told. Must not know what becomes of them.
+
+use super::error::ApiError;
+use super::guard::is_this_server;
+use super::state::ApiState;
+use super::view::IngestPipe;
+use super::wire::ingest::Translator;
+use super::wire::problem::ProblemWire;
+use axum::extract::State;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
+use axum::http::{HeaderMap, header};
+use axum::response::Response;
+use std::sync::mpsc::TrySendError;
+use std::time::Duration;
+
+/// Longest message: a frame, or as much JSON.
+const MAX_MESSAGE_BYTES: usize = 2 << 20;
+
+/// Wait before a message is offered again to a conversation that is busy.
+const RETRY: Duration = Duration::from_millis(2);
+
+/// Takes samples over a WebSocket, as frames or as JSON (docs/wire.md).
+#[utoipa::path(
+    get,
+    path = "/api/v1/ingest",
+    tag = "ingest",
+    responses(
+        (status = SWITCHING_PROTOCOLS, description = "Frames, or JSON, in both directions"),
+        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json",
+         description = "No WebSocket"),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json",
+         description = "No machine has live senders"),
+        (status = MISDIRECTED_REQUEST, body = ProblemWire, content_type = "application/problem+json",
+         description = "A page of another server asks"),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json",
+         description = "Too many senders"),
+    )
+)]
+pub(super) async fn connect(
+    State(state): State<ApiState>,
+    headers: HeaderMap,
+    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+) -> Result<Response, ApiError> {
+    let open = state.ingest.clone().ok_or_else(|| {
+        ApiError::NotFound(
+            "no machine has a source that takes samples; see docs/wire.md".to_owned(),
+        )
+    })?;
+    own_page(&headers, &state)?;
+    let upgrade = upgrade
+        .map_err(|_| ApiError::Invalid("this path takes WebSocket connections only".to_owned()))?;
+    let pipe = open("a WebSocket".to_owned())
+        .map_err(|_| ApiError::Busy("as many senders as are allowed are connected"))?;
+    let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
+    Ok(upgrade.on_upgrade(|socket| converse(socket, pipe)))
+}
+
+/// Refuses pages of other servers: browsers let any page open a WebSocket, and say which page it is.
+fn own_page(headers: &HeaderMap, state: &ApiState) -> Result<(), ApiError> {
+    let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
+    let origin = String::from_utf8_lossy(origin.as_bytes()).into_owned();
+    let host = origin.strip_prefix("http://").unwrap_or_default();
+    let bound = state.settings.bound;
+    if is_this_server(host, bound) {
+        return Ok(());
+    }
+    let allowed = format!("pages of http://{bound}");
+    Err(ApiError::ForeignHost { host: origin.chars().take(100).collect(), allowed })
+}
+
+/// Moves messages until one side ends.
+async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
+    let IngestPipe { to_daemon, mut from_daemon } = pipe;
+    let mut translator = None;
+    let mut to_daemon = Some(to_daemon);
+    loop {
+        tokio::select! {
+            come = socket.recv() => {
+                let bytes = match come {
+                    Some(Ok(Message::Binary(bytes))) => bytes.to_vec(),
+                    Some(Ok(Message::Text(text))) => {
+                        let translator = translator.get_or_insert_with(Translator::default);
+                        match translator.frame(&text) {
+                            Ok(frame) => frame,
+                            Err(why) => {
+                                let _gone = socket.send(Message::Text(why.into())).await;
+                                to_daemon = None;
+                                continue;
+                            }
+                        }
+                    }
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                };
+                let mut waiting = bytes;
+                while let Some(sender) = &to_daemon {
+                    match sender.try_send(waiting) {
+                        Ok(()) => break,
+                        Err(TrySendError::Disconnected(_)) => to_daemon = None,
+                        Err(TrySendError::Full(back)) => {
+                            waiting = back;
+                            // What the daemon says goes out meanwhile.
+                            if let Ok(frame) = from_daemon.try_recv() {
+                                if tell(&mut socket, &mut translator, frame).await.is_none() {
+                                    return;
+                                }
+                            } else {
+                                tokio::time::sleep(RETRY).await;
+                            }
+                            continue;
+                        }
+                    }
+                    break;
+                }
+            }
+            said = from_daemon.recv() => {
+                let Some(frame) = said else { break };
+                if tell(&mut socket, &mut translator, frame).await.is_none() {
+                    return;
+                }
+            }
+        }
+    }
+    let frame = CloseFrame { code: close_code::NORMAL, reason: "".into() };
+    let _gone = socket.send(Message::Close(Some(frame))).await;
+}
+
+/// Tells the sender what the daemon says; `None`: it is gone.
+async fn tell(
+    socket: &mut WebSocket,
+    translator: &mut Option<Translator>,
+    frame: Vec<u8>,
+) -> Option<()> {
+    let message = match translator {
+        None => Message::Binary(frame.into()),
+        Some(translator) => Message::Text(translator.text(&frame)?.into()),
+    };
+    socket.send(message).await.ok()
+}

@@ -1,0 +1,185 @@
+//! A connection from its first byte to its last, on a thread of its own.
+
+use super::Hub;
+use super::Port;
+use super::Seat;
+use super::port::Became;
+use super::port::stopping;
+use crate::ingest::live::Refusal;
+use crate::ingest::live::session::Session;
+use crate::wire;
+use crate::wire::Bye;
+use crate::wire::Frames;
+use crate::wire::Message;
+use crate::wire::Problem;
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest wait for bytes before the clock is looked at.
+pub(super) const POLL: Duration = Duration::from_millis(20);
+
+/// Wait for room in a queue.
+const WAIT: Duration = Duration::from_millis(2);
+
+/// Where frames come from and go to.
+pub(super) trait Transport {
+    /// Waits for bytes, at most [`POLL`]; `None`: no more will come.
+    fn receive(&mut self, frames: &mut Frames) -> io::Result<Option<usize>>;
+
+    /// Sends frames; gives up when they are not taken for long.
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+}
+
+/// How a conversation ends.
+enum Ending {
+    /// The sender ended it, or is gone.
+    Gone,
+    /// The daemon ended it.
+    Refused(Refusal),
+}
+
+impl From<io::Error> for Ending {
+    fn from(_: io::Error) -> Self {
+        Self::Gone
+    }
+}
+
+impl From<Refusal> for Ending {
+    fn from(refusal: Refusal) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
+/// A connection under way.
+struct Conversation<'a, T> {
+    hub: &'a Hub,
+    id: u64,
+    peer: &'a str,
+    transport: &'a mut T,
+    session: Session,
+    port: Option<Arc<Port>>,
+    has_ended: bool,
+    out: Vec<u8>,
+}
+
+/// Listens to a sender until one of both ends it.
+pub(super) fn run(seat: &Seat, peer: &str, transport: &mut impl Transport) {
+    let hub = &*seat.hub;
+    let session = Session::new(hub.clock.elapsed_s());
+    let mut conversation = Conversation {
+        hub,
+        id: seat.session,
+        peer,
+        transport,
+        session,
+        port: None,
+        has_ended: false,
+        out: Vec::new(),
+    };
+    let ending = conversation.listen();
+    if let Some(port) = conversation.port.take() {
+        port.leave(seat.session, conversation.has_ended);
+        tracing::info!(machine = port.machine(), peer, "a sender has gone");
+    }
+    if let Err(Ending::Refused(refusal)) = ending {
+        hub.note_refusal(peer, &refusal);
+        refuse(conversation.transport, &refusal);
+    }
+}
+
+/// Tells a sender why it is not listened to.
+pub(super) fn refuse(transport: &mut impl Transport, refusal: &Refusal) {
+    let mut out = Vec::new();
+    let problem = Message::Problem(Problem::new(refusal.code, &refusal.text));
+    if wire::encode(&problem, &mut out).is_ok() {
+        // It may be gone already.
+        let _gone = transport.send(&out);
+    }
+}
+
+impl<T: Transport> Conversation<'_, T> {
+    fn listen(&mut self) -> Result<(), Ending> {
+        let mut frames = Frames::default();
+        loop {
+            while let Some((message, n_bytes)) = frames.take().map_err(Refusal::from)? {
+                self.take(&message, n_bytes)?;
+            }
+            self.acknowledge()?;
+            if self.session.is_over() {
+                return Ok(());
+            }
+            if self.hub.stop.is_set() {
+                return Err(stopping().into());
+            }
+            let came = self.transport.receive(&mut frames)?;
+            self.session.tick(frames.is_within(), self.hub.clock.elapsed_s())?;
+            if let Some(port) = self.port.as_ref().filter(|_| came == Some(0)) {
+                port.tick();
+            }
+            if came.is_none() {
+                return Ok(());
+            }
+        }
+    }
+
+    fn take(&mut self, message: &Message<'_>, n_bytes: usize) -> Result<(), Ending> {
+        let now_s = self.hub.clock.elapsed_s();
+        let within_credit = self.session.frame(message, n_bytes, now_s)?;
+        match message {
+            Message::Hello(hello) => self.greet(hello)?,
+            Message::Block(block) => {
+                let Some(port) = self.port.clone() else { return Ok(()) };
+                let sequence = loop {
+                    let arrived = self.hub.clock.arrived();
+                    match port.block(self.id, (block, n_bytes), arrived, within_credit)? {
+                        Became::Settled(sequence) => break sequence,
+                        Became::Wait => self.wait()?,
+                    }
+                };
+                self.session.settle(block.stream, sequence, now_s);
+            }
+            Message::Bye(bye) => self.has_ended = *bye == Bye::End,
+            Message::Ping | Message::Welcome(_) | Message::Ack(_) | Message::Problem(_) => {}
+        }
+        Ok(())
+    }
+
+    fn greet(&mut self, hello: &wire::Hello) -> Result<(), Ending> {
+        self.hub.authorise(&hello.token)?;
+        let port = Arc::clone(self.hub.port(&hello.machine)?);
+        let wanted = loop {
+            let arrived = self.hub.clock.arrived();
+            match port.hello(self.id, (self.peer, arrived), hello)? {
+                Some(wanted) => break wanted,
+                None => self.wait()?,
+            }
+        };
+        let welcome = Message::Welcome(self.session.welcome(wanted, port.fill()));
+        self.port = Some(port);
+        self.send(&welcome)
+    }
+
+    /// Waits for room in the queue. What is settled is told meanwhile.
+    fn wait(&mut self) -> Result<(), Ending> {
+        self.acknowledge()?;
+        if self.hub.stop.wait_until(crate::app::now() + WAIT) {
+            return Err(stopping().into());
+        }
+        Ok(())
+    }
+
+    fn acknowledge(&mut self) -> Result<(), Ending> {
+        let Some(port) = &self.port else { return Ok(()) };
+        match self.session.ack(port.fill(), self.hub.clock.elapsed_s()) {
+            Some(ack) => self.send(&Message::Ack(ack)),
+            None => Ok(()),
+        }
+    }
+
+    fn send(&mut self, message: &Message<'_>) -> Result<(), Ending> {
+        self.out.clear();
+        wire::encode(message, &mut self.out).map_err(Refusal::from)?;
+        Ok(self.transport.send(&self.out)?)
+    }
+}

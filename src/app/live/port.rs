@@ -1,0 +1,297 @@
+//! The way of all senders of one machine into its shard's queue.
+
+use super::Room;
+use crate::api::view::IngestView;
+use crate::api::view::SourceState;
+use crate::app::build;
+use crate::app::link::Input;
+use crate::app::link::Link;
+use crate::app::queue::Closed;
+use crate::app::recording::Recording;
+use crate::app::trouble::Troubles;
+use crate::capture::recording::store::Store as Recordings;
+use crate::config::Config;
+use crate::config::MachineConfig;
+use crate::ingest::live::Refusal;
+use crate::ingest::live::intake::Arrived;
+use crate::ingest::live::intake::Intake;
+use crate::ingest::live::ledger::Ledger;
+use crate::ingest::replay::StreamInfo;
+use crate::signal::Timestamp;
+use crate::telemetry::Metrics;
+use crate::telemetry::RecordingMetrics;
+use crate::wire;
+use crate::wire::ErrorCode;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::MutexGuard;
+use std::sync::PoisonError;
+use std::time::Duration;
+use std::time::Instant;
+use tokio::sync::watch;
+
+/// Least time between two words to the shard on samples that were rejected.
+const TELL_EVERY: Duration = Duration::from_secs(1);
+
+/// Memory of a block besides its samples, bytes: more than it is.
+const BLOCK_OVERHEAD: usize = 512;
+
+/// What a port is made of.
+pub(in crate::app) struct PortPlan {
+    pub(in crate::app) config: Arc<Config>,
+    pub(in crate::app) entry: MachineConfig,
+    pub(in crate::app) origin: Timestamp,
+    pub(in crate::app) link: Link,
+    pub(in crate::app) room: Arc<Room>,
+    pub(in crate::app) recordings: Option<Arc<Mutex<Recordings>>>,
+    pub(in crate::app) recorded: watch::Sender<crate::api::view::RecordingView>,
+    pub(in crate::app) recording_metrics: RecordingMetrics,
+    pub(in crate::app) troubles: Troubles,
+}
+
+/// One machine's way.
+pub(in crate::app) struct Port {
+    plan: PortPlan,
+    state: Mutex<State>,
+}
+
+impl std::fmt::Debug for Port {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Port").field("machine", &self.machine()).finish_non_exhaustive()
+    }
+}
+
+struct State {
+    intake: Intake,
+    /// The stream that is open.
+    info: Option<StreamInfo>,
+    recording: Option<Recording>,
+    /// What the shard and the metrics know of each channel.
+    told: BTreeMap<String, (u64, u64)>,
+    told_at: Instant,
+    counted: BTreeMap<String, Ledger>,
+}
+
+/// What became of a block.
+#[derive(Debug)]
+pub(super) enum Became {
+    /// It is settled; the sequence wanted next.
+    Settled(u64),
+    /// There is no room yet; try again.
+    Wait,
+}
+
+impl Port {
+    /// Makes the way.
+    #[must_use]
+    pub(in crate::app) fn new(plan: PortPlan) -> Self {
+        let keeps_received = plan.config.captures.is_some() || plan.recordings.is_some();
+        let machine = Arc::clone(&plan.entry.machine);
+        let intake = Intake::new(machine, plan.origin, keeps_received);
+        let state = State {
+            intake,
+            info: None,
+            recording: None,
+            told: BTreeMap::new(),
+            told_at: crate::app::now(),
+            counted: BTreeMap::new(),
+        };
+        Self { plan, state: Mutex::new(state) }
+    }
+
+    /// The machine's id.
+    pub(super) fn machine(&self) -> &str {
+        &self.plan.entry.machine.id
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How full the queue before the analysis is.
+    pub(super) fn fill(&self) -> f64 {
+        self.plan.link.fill()
+    }
+
+    /// Lets a sender in, and opens the stream if it is another one; gives where its channels go on. `None`: there is no
+    /// room for that yet, try again.
+    pub(super) fn hello(
+        &self,
+        session: u64,
+        (peer, arrived): (&str, Arrived),
+        hello: &wire::Hello,
+    ) -> Result<Option<Vec<wire::Wanted>>, Refusal> {
+        let mut state = self.lock();
+        if !self.plan.link.keep_room(BLOCK_OVERHEAD).map_err(|Closed| stopping())? {
+            return Ok(None);
+        }
+        let mut room = |info: &StreamInfo| {
+            let bytes = build::stream_bytes(&self.plan.config, info);
+            self.plan.room.take(self.machine(), bytes)
+        };
+        let admitted = state.intake.hello(session, (peer, arrived), hello, &mut room);
+        let opened = admitted.as_ref().ok().and_then(|admitted| admitted.opened.clone());
+        let inputs = opened.clone().map(|info| Input::Open(Box::new(info)));
+        self.plan.link.send_kept(inputs, BLOCK_OVERHEAD).map_err(|Closed| stopping())?;
+        let admitted = admitted?;
+        if let Some(info) = opened {
+            self.finish_recording_of(&mut state);
+            tracing::info!(
+                machine = self.machine(),
+                peer,
+                n_channels = info.channels.len(),
+                "a stream was opened"
+            );
+            state.info = Some(info);
+        } else {
+            tracing::info!(machine = self.machine(), peer, "a sender goes on");
+        }
+        self.record(&mut state);
+        Ok(Some(admitted.wanted))
+    }
+
+    /// Begins to record, if that is wanted and not done.
+    fn record(&self, state: &mut State) {
+        let State { recording, info: Some(info), .. } = state else { return };
+        let Some(store) = self.plan.recordings.as_ref().filter(|_| recording.is_none()) else {
+            return;
+        };
+        let PortPlan { config, entry, recorded, recording_metrics, troubles, .. } = &self.plan;
+        let told = (recording_metrics.clone(), recorded.clone(), troubles.clone());
+        *recording = Recording::with_view(config, entry, info, store, told);
+    }
+
+    /// Takes a block in. `within_credit`: the sender may wait for room; else, without room, its samples are dropped.
+    pub(super) fn block(
+        &self,
+        session: u64,
+        (block, n_bytes): (&wire::Block<'_>, usize),
+        arrived: Arrived,
+        within_credit: bool,
+    ) -> Result<Became, Refusal> {
+        // As samples in single precision, as they came, and what stands around both.
+        let kept = block.samples.len() * size_of::<f32>() + 2 * n_bytes + BLOCK_OVERHEAD;
+        let mut state = self.lock();
+        let has_room = self.plan.link.keep_room(kept).map_err(|Closed| stopping())?;
+        if !has_room && within_credit {
+            return Ok(Became::Wait);
+        }
+        let taken = state.intake.block(session, block, arrived, has_room);
+        let kept = if has_room { kept } else { 0 };
+        let (sequence, taken) = match taken {
+            Ok(taken) => taken,
+            Err(refusal) => {
+                let _closed = self.plan.link.send_kept(None, kept);
+                return Err(refusal);
+            }
+        };
+        if !has_room {
+            self.plan.link.note_dropped(block.samples.len() as u64);
+        }
+        let received = taken.received.map(Arc::new);
+        if let (Some(run), Some(recording)) = (&received, &mut state.recording) {
+            recording.take(crate::capture::received::Received::clone(run));
+        }
+        let is_captured = self.plan.config.captures.is_some();
+        let now = crate::app::now();
+        let inputs = received.filter(|_| is_captured).map(Input::Received);
+        let blocks = taken.blocks.into_iter().map(|block| Input::Block(block, now));
+        let inputs = inputs.into_iter().chain(blocks);
+        self.plan.link.send_kept(inputs, kept).map_err(|Closed| stopping())?;
+        self.tell_rejected(&mut state, false);
+        Ok(Became::Settled(sequence))
+    }
+
+    /// Lets the shard know what was rejected, at times.
+    fn tell_rejected(&self, state: &mut State, now: bool) {
+        if !now && crate::app::now().saturating_duration_since(state.told_at) < TELL_EVERY {
+            return;
+        }
+        state.told_at = crate::app::now();
+        let State { intake, told, .. } = state;
+        let (mut not_finite, mut out_of_range) = (0, 0);
+        let bad = |(_, ledger): &(&str, &Ledger)| ledger.not_finite + ledger.out_of_range > 0;
+        for (name, ledger) in intake.ledgers().filter(bad) {
+            let told = told.entry(name.to_owned()).or_default();
+            not_finite += ledger.not_finite.saturating_sub(told.0);
+            out_of_range += ledger.out_of_range.saturating_sub(told.1);
+            *told = (ledger.not_finite, ledger.out_of_range);
+        }
+        for (n_samples, reason) in [
+            (not_finite, "not finite numbers"),
+            (out_of_range, "beyond the range of the converter"),
+        ] {
+            if n_samples > 0 {
+                let input = Input::Rejected { n_samples, reason: reason.to_owned() };
+                // Closed: nobody is left to tell.
+                let _closed = self.plan.link.send_kept([input], 0);
+            }
+        }
+    }
+
+    /// Lets time pass.
+    pub(super) fn tick(&self) {
+        let mut state = self.lock();
+        self.tell_rejected(&mut state, false);
+        if let Some(recording) = &mut state.recording
+            && recording.flush_due().is_some_and(|due| due <= crate::app::now())
+        {
+            recording.tick();
+        }
+    }
+
+    /// A sender has gone; `has_ended`: its stream is complete.
+    pub(super) fn leave(&self, session: u64, has_ended: bool) {
+        let mut state = self.lock();
+        self.tell_rejected(&mut state, true);
+        if !state.intake.leave(session) {
+            return;
+        }
+        self.finish_recording_of(&mut state);
+        if has_ended {
+            let _closed = self.plan.link.send_kept([Input::Source(SourceState::Finished)], 0);
+        }
+    }
+
+    fn finish_recording_of(&self, state: &mut State) {
+        if let Some(recording) = state.recording.take() {
+            recording.finish();
+        }
+    }
+
+    /// Completes what is recorded.
+    pub(super) fn finish_recording(&self) {
+        self.finish_recording_of(&mut self.lock());
+    }
+
+    /// How the senders are doing.
+    pub(in crate::app) fn view(&self) -> IngestView {
+        let mut state = self.lock();
+        IngestView { n_senders: state.intake.n_senders(), channels: state.intake.status() }
+    }
+
+    /// Brings the counters up to date.
+    pub(super) fn count(&self, metrics: &Metrics) {
+        let mut state = self.lock();
+        for channel in state.intake.status() {
+            let before = state.counted.entry(channel.name.clone()).or_default();
+            let fates = channel.ledger.fates().into_iter().zip(before.fates());
+            for ((fate, n), (_, told)) in fates {
+                // A channel that was given up and came again counts from 0.
+                let more = n.checked_sub(told).unwrap_or(n);
+                if more > 0 {
+                    metrics.ingested(self.machine(), &channel.name, fate).inc_by(more);
+                }
+            }
+            *before = channel.ledger;
+            if let Some(clock) = channel.clock {
+                metrics.clock_drift(self.machine(), &channel.name).set(clock.ppm);
+            }
+        }
+    }
+}
+
+pub(super) fn stopping() -> Refusal {
+    Refusal::new(ErrorCode::Stopping, "the daemon is stopping; try again later")
+}

@@ -1,0 +1,457 @@
+//! All senders of a machine: who has which channel, where their samples lie in the machine's stream.
+//!
+//! Stream time counts from a fixed moment before the daemon began, so that the samples of all senders are on one axis
+//! and what they buffered has its place. An epoch is placed once, by the time of its first block; from there on its index
+//! is the clock.
+
+use super::Refusal;
+use super::drift::Estimate;
+use super::lane::Lane;
+use super::lane::Placing;
+pub use super::lane::Taken;
+use super::ledger::Ledger;
+use crate::ingest::replay::StreamInfo;
+use crate::machine::Machine;
+use crate::signal::ChannelIndex;
+use crate::signal::Timestamp;
+use crate::units::Hz;
+use crate::wire;
+use crate::wire::ErrorCode;
+use crate::wire::Wanted;
+use std::collections::BTreeMap;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// What a time may be ahead of the daemon's clock, s.
+pub const AHEAD_S: f64 = 10.0;
+
+/// What the time of an index may run ahead of the clock besides, as a part of the time since the epoch's begin: clocks
+/// drift, and a rate may be stated a little wrong.
+const AHEAD_PART: f64 = 0.05;
+
+/// Bounds of a speed or load that is believed.
+const PLAUSIBLE: f64 = 1e9;
+
+/// Names of channels that a machine may have had since the start: each has its counters, in metrics too.
+const MAX_NAMES: usize = 2 * wire::MAX_CHANNELS;
+
+/// A moment, by the clock of the daemon.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrived(pub Timestamp);
+
+/// A sender that may send.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Admitted {
+    /// Where each of its channels goes on.
+    pub wanted: Vec<Wanted>,
+    /// The stream as it is from now on, if it is another one than before.
+    pub opened: Option<StreamInfo>,
+}
+
+/// A sender that is connected.
+#[derive(Debug)]
+struct Sender {
+    epoch: u64,
+    peer: String,
+    since: Timestamp,
+    /// Its channels, by their place in its hello.
+    lanes: Vec<u32>,
+    /// What is added to its times so that stream time does not go back, s; `None`: nothing of it is placed yet.
+    shift_s: Option<f64>,
+}
+
+/// The senders and channels of one machine.
+#[derive(Debug)]
+pub struct Intake {
+    machine: Arc<Machine>,
+    /// UTC of stream time 0.
+    origin: Timestamp,
+    keeps_received: bool,
+    lanes: BTreeMap<u32, Lane>,
+    next_lane: u32,
+    segment: u32,
+    /// Whether a stream is open; speed and load that it was opened with.
+    open: Option<(Option<f64>, Option<f64>)>,
+    senders: BTreeMap<u64, Sender>,
+    /// Names that channels have had.
+    names: BTreeSet<String>,
+    /// Connections that lost their channels to a newer one of the same sender.
+    superseded: BTreeSet<u64>,
+}
+
+/// How a channel is doing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelStatus {
+    /// Its name.
+    pub name: String,
+    /// Its place among the channels of the stream.
+    pub channel: ChannelIndex,
+    /// What became of its samples.
+    pub ledger: Ledger,
+    /// How its clock runs, if that is known.
+    pub clock: Option<Estimate>,
+    /// Samples a second, as stated.
+    pub rate_hz: f64,
+    /// Where it is sent from at the moment, and since when.
+    pub sender: Option<(String, Timestamp)>,
+}
+
+impl Intake {
+    /// A machine without senders, whose stream time 0 is at `origin`; `keeps_received`: samples are also kept as they come.
+    #[must_use]
+    pub fn new(machine: Arc<Machine>, origin: Timestamp, keeps_received: bool) -> Self {
+        Self {
+            machine,
+            origin,
+            keeps_received,
+            lanes: BTreeMap::new(),
+            next_lane: 0,
+            segment: 0,
+            open: None,
+            senders: BTreeMap::new(),
+            names: BTreeSet::new(),
+            superseded: BTreeSet::new(),
+        }
+    }
+
+    /// Lets a sender in. `room` says whether the stream, as it would be, fits into memory.
+    ///
+    /// # Errors
+    /// When it cannot be; nothing has changed then.
+    pub fn hello(
+        &mut self,
+        session: u64,
+        (peer, arrived): (&str, Arrived),
+        hello: &wire::Hello,
+        room: &mut dyn FnMut(&StreamInfo) -> Result<(), String>,
+    ) -> Result<Admitted, Refusal> {
+        let described = self.check(hello)?;
+        let old = self.superseded_by(hello)?;
+        // By place in the hello: the lane there is, or a new one.
+        let found: Vec<Option<u32>> = hello
+            .channels
+            .iter()
+            .map(|channel| {
+                self.lanes.iter().find(|(_, lane)| lane.described == *channel).map(|(id, _)| *id)
+            })
+            .collect();
+        let facts = (hello.shaft_speed_hz, hello.load);
+        let has_other_facts = self.open.is_some_and(|(speed, load)| {
+            facts.0.is_some_and(|_| facts.0 != speed) || facts.1.is_some_and(|_| facts.1 != load)
+        });
+        let is_same = self.open.is_some() && found.iter().all(Option::is_some) && !has_other_facts;
+        let mut opened = None;
+        let ids = if is_same {
+            found.into_iter().flatten().collect()
+        } else {
+            let (ids, info) = self.reopen((&found, &old), described, facts, room)?;
+            opened = Some(info);
+            ids
+        };
+        for id in old {
+            self.forget(id);
+            self.superseded.insert(id);
+        }
+        Ok(Admitted { wanted: self.admit(session, (peer, arrived), hello.epoch, ids), opened })
+    }
+
+    /// What can be said of a hello by itself: its channels as lanes.
+    fn check(&self, hello: &wire::Hello) -> Result<Vec<Lane>, Refusal> {
+        let bad = |text: String| Refusal::new(ErrorCode::BadChannel, text);
+        if hello.channels.is_empty() {
+            return Err(bad("the hello names no channel".to_owned()));
+        }
+        let mut names = BTreeSet::new();
+        if let Some(twice) = hello.channels.iter().find(|channel| !names.insert(&channel.name)) {
+            return Err(bad(format!("channel {:?} is named twice", twice.name)));
+        }
+        let is_wild =
+            |number: Option<f64>| number.is_some_and(|x| x.is_nan() || x.abs() > PLAUSIBLE);
+        let is_turning = hello.shaft_speed_hz.is_none_or(|speed| speed > 0.0);
+        if is_wild(hello.shaft_speed_hz) || is_wild(hello.load) || !is_turning {
+            return Err(bad(
+                "the shaft's speed is not above 0, or speed or load is no usable number".to_owned(),
+            ));
+        }
+        hello.channels.iter().map(|channel| Lane::new(channel, &self.machine)).collect()
+    }
+
+    /// Connections of the same sender that have a channel of the hello; an error if another sender has one.
+    fn superseded_by(&self, hello: &wire::Hello) -> Result<BTreeSet<u64>, Refusal> {
+        let mut old = BTreeSet::new();
+        for channel in &hello.channels {
+            let lane = self.lanes.values().find(|lane| lane.described.name == channel.name);
+            let Some(owner) = lane.and_then(|lane| lane.owner) else { continue };
+            let Some(sender) = self.senders.get(&owner) else { continue };
+            if sender.epoch != hello.epoch {
+                let text = format!(
+                    "channel {:?} of machine {:?} is sent by {} since {}; a channel has one sender",
+                    channel.name,
+                    self.machine.id,
+                    sender.peer,
+                    rfc3339(sender.since)
+                );
+                return Err(Refusal::new(ErrorCode::ChannelTaken, text));
+            }
+            old.insert(owner);
+        }
+        Ok(old)
+    }
+
+    /// Makes the stream anew: with the channels of the hello and those that other senders have.
+    fn reopen(
+        &mut self,
+        (found, old): (&[Option<u32>], &BTreeSet<u64>),
+        described: Vec<Lane>,
+        (speed_hz, load): (Option<f64>, Option<f64>),
+        room: &mut dyn FnMut(&StreamInfo) -> Result<(), String>,
+    ) -> Result<(Vec<u32>, StreamInfo), Refusal> {
+        let is_kept = |id: u32, lane: &Lane| {
+            found.contains(&Some(id)) || lane.owner.is_some_and(|owner| !old.contains(&owner))
+        };
+        let kept = self.lanes.iter().filter(|(id, lane)| is_kept(**id, lane)).map(|(id, _)| *id);
+        let kept: Vec<u32> = kept.collect();
+        let new = found.iter().zip(&described).filter(|(found, _)| found.is_none());
+        let lanes =
+            kept.iter().filter_map(|id| self.lanes.get(id)).chain(new.map(|(_, lane)| lane));
+        let lanes: Vec<&Lane> = lanes.collect();
+        let (before_speed, before_load) = self.open.unwrap_or_default();
+        let facts = (speed_hz.or(before_speed), load.or(before_load));
+        let info = StreamInfo {
+            channels: lanes.iter().map(|lane| lane.info.clone()).collect(),
+            start_time: Some(self.origin),
+            shaft_speed: facts.0.map(Hz),
+            load: facts.1,
+            received: lanes.iter().map(|lane| lane.received.clone()).collect(),
+        };
+        let is_known = |name: &str| info.channels.iter().any(|channel| channel.name == name);
+        if !self.machine.sensors.iter().any(|sensor| is_known(&sensor.channel)) {
+            let sensors: Vec<&str> =
+                self.machine.sensors.iter().map(|s| s.channel.as_str()).collect();
+            let text = format!(
+                "no channel has the name of a sensor of machine {:?}: {}",
+                self.machine.id,
+                sensors.join(", ")
+            );
+            return Err(Refusal::new(ErrorCode::BadChannel, text));
+        }
+        let names: BTreeSet<String> = info.channels.iter().map(|c| c.name.clone()).collect();
+        if names.union(&self.names).count() > MAX_NAMES {
+            let text = format!(
+                "machine {:?} has had {} channels of other names since the start, and may have {MAX_NAMES} in all: name \
+                 them alike, or restart the daemon",
+                self.machine.id,
+                self.names.difference(&names).count()
+            );
+            return Err(Refusal::new(ErrorCode::NoRoom, text));
+        }
+        room(&info).map_err(|text| Refusal::new(ErrorCode::NoRoom, text))?;
+        self.names.extend(names);
+        self.open = Some(facts);
+        self.segment = self.segment.saturating_add(1);
+        let mut ids = Vec::new();
+        for (found, mut lane) in found.iter().zip(described) {
+            ids.push(found.unwrap_or_else(|| {
+                let before = self.lanes.values().find(|l| l.described.name == lane.described.name);
+                if let Some(before) = before {
+                    lane.follow(before);
+                }
+                let id = self.next_lane;
+                self.next_lane = id.wrapping_add(1);
+                self.lanes.insert(id, lane);
+                id
+            }));
+        }
+        self.lanes.retain(|id, _| kept.contains(id) || ids.contains(id));
+        // Lanes stand by rising number, and those that are new have the highest.
+        for (place, lane) in self.lanes.values_mut().enumerate() {
+            lane.channel = ChannelIndex(place);
+        }
+        Ok((ids, info))
+    }
+
+    /// Gives the channels to a sender.
+    fn admit(
+        &mut self,
+        session: u64,
+        (peer, arrived): (&str, Arrived),
+        epoch: u64,
+        ids: Vec<u32>,
+    ) -> Vec<Wanted> {
+        let is_new = |lane: &Lane| lane.epoch != Some(epoch);
+        let of_it = ids.iter().filter_map(|id| self.lanes.get(id));
+        if self.senders.is_empty() && of_it.clone().any(|lane| is_new(lane) && lane.end.is_some()) {
+            // It begins anew and nobody else is there: no window shall lie over the time between.
+            self.segment = self.segment.saturating_add(1);
+        }
+        let mut wanted = Vec::new();
+        for id in &ids {
+            let Some(lane) = self.lanes.get_mut(id) else { continue };
+            lane.begin(epoch);
+            lane.owner = Some(session);
+            wanted.push(lane.next);
+        }
+        let (peer, since) = (peer.to_owned(), arrived.0);
+        self.senders.insert(session, Sender { epoch, peer, since, lanes: ids, shift_s: None });
+        wanted
+    }
+
+    /// Takes a block in; `has_room`: there is room for what becomes of it, else it is counted as dropped. Gives the
+    /// sequence wanted next, and what is to be handed on.
+    ///
+    /// # Errors
+    /// When the sender must not go on; nothing has changed then.
+    pub fn block(
+        &mut self,
+        session: u64,
+        block: &wire::Block<'_>,
+        arrived: Arrived,
+        has_room: bool,
+    ) -> Result<(u64, Taken), Refusal> {
+        let id = self.lane_of(session, block)?;
+        let Some(lane) = self.lanes.get(&id) else { return Err(no_stream(block)) };
+        let now_s = seconds_since(self.origin, arrived.0);
+        let wall_s = if block.time_ns == wire::NO_TIME {
+            // The last sample has just been taken.
+            now_s - block.samples.len() as f64 / lane.described.rate_hz
+        } else {
+            seconds_since(self.origin, Timestamp(block.time_ns))
+        };
+        check_time(lane, block.first, (wall_s, now_s))?;
+        let is_unplaced = lane.is_unplaced();
+        let shift_s = if is_unplaced { self.sender_shift_s(session, wall_s) } else { 0.0 };
+        let placing =
+            Placing { segment: self.segment, keeps_received: self.keeps_received, has_room };
+        let Some(lane) = self.lanes.get_mut(&id) else { return Err(no_stream(block)) };
+        if is_unplaced {
+            lane.place(block.first, wall_s, shift_s);
+            lane.next.sequence = block.sequence;
+        }
+        lane.observe(block.first, wall_s);
+        let taken = lane.take(block, placing);
+        Ok((lane.next.sequence, taken))
+    }
+
+    /// The channel that a block is of.
+    fn lane_of(&self, session: u64, block: &wire::Block<'_>) -> Result<u32, Refusal> {
+        if self.superseded.contains(&session) {
+            let text = "a newer connection of this sender has its channels";
+            return Err(Refusal::new(ErrorCode::ChannelTaken, text));
+        }
+        let sender = self.senders.get(&session);
+        let id = sender.and_then(|sender| sender.lanes.get(usize::from(block.stream)));
+        let found = id.and_then(|id| Some((*id, self.lanes.get(id)?)));
+        let (id, lane) = found.ok_or_else(|| no_stream(block))?;
+        if block.samples.kind() == lane.described.sample_type && !block.samples.is_empty() {
+            return Ok(id);
+        }
+        let text = format!(
+            "a block of channel {:?} with {} samples of type {}; at least one of type {} is taken",
+            lane.described.name,
+            block.samples.len(),
+            block.samples.kind().name(),
+            lane.described.sample_type.name()
+        );
+        Err(Refusal::new(ErrorCode::Malformed, text))
+    }
+
+    /// What is added to a sender's times, decided by the first of its channels that is placed.
+    fn sender_shift_s(&mut self, session: u64, wall_s: f64) -> f64 {
+        let Some(sender) = self.senders.get(&session) else { return 0.0 };
+        let shift_s = sender.shift_s.unwrap_or_else(|| self.shift_s(&sender.lanes, wall_s));
+        if let Some(sender) = self.senders.get_mut(&session) {
+            sender.shift_s = Some(shift_s);
+        }
+        shift_s
+    }
+
+    /// What must be added to a sender's times: stream time does not go back in any of its channels, nor before 0.
+    fn shift_s(&self, ids: &[u32], wall_s: f64) -> f64 {
+        let ends = ids.iter().filter_map(|id| self.lanes.get(id)?.end);
+        let reached_s = ends.map(|(_, end_s)| end_s).fold(0.0, f64::max);
+        (reached_s - wall_s).max(0.0)
+    }
+
+    /// A sender has gone. Gives whether it was the last.
+    pub fn leave(&mut self, session: u64) -> bool {
+        self.superseded.remove(&session);
+        self.forget(session) && self.senders.is_empty()
+    }
+
+    fn forget(&mut self, session: u64) -> bool {
+        let Some(sender) = self.senders.remove(&session) else { return false };
+        for id in sender.lanes {
+            let lane = self.lanes.get_mut(&id).filter(|lane| lane.owner == Some(session));
+            if let Some(lane) = lane {
+                lane.owner = None;
+            }
+        }
+        true
+    }
+
+    /// Senders that are connected.
+    #[must_use]
+    pub fn n_senders(&self) -> usize {
+        self.senders.len()
+    }
+
+    /// What became of the samples of each channel, by its name, in the order of the stream.
+    pub fn ledgers(&self) -> impl Iterator<Item = (&str, &Ledger)> {
+        self.lanes.values().map(|lane| (lane.described.name.as_str(), &lane.ledger))
+    }
+
+    /// How each channel is doing, in the order of the stream.
+    pub fn status(&mut self) -> Vec<ChannelStatus> {
+        let senders = &self.senders;
+        let status = |lane: &mut Lane| {
+            let sender = lane.owner.and_then(|owner| senders.get(&owner));
+            ChannelStatus {
+                name: lane.described.name.clone(),
+                channel: lane.channel,
+                ledger: lane.ledger,
+                clock: lane.drift.estimate(),
+                rate_hz: lane.described.rate_hz,
+                sender: sender.map(|sender| (sender.peer.clone(), sender.since)),
+            }
+        };
+        self.lanes.values_mut().map(status).collect()
+    }
+}
+
+/// Whether a block lies in the future, by its time or by the place of its first sample.
+fn check_time(lane: &Lane, first: u64, (wall_s, now_s): (f64, f64)) -> Result<(), Refusal> {
+    let ahead = |what: String, by_s: f64| {
+        let name = &lane.described.name;
+        let text = format!("channel {name:?}: {what} lies {by_s:.1} s after the daemon's clock");
+        Err(Refusal::new(ErrorCode::TimeAhead, text))
+    };
+    if wall_s > now_s + AHEAD_S {
+        let what = "set the sender's clock: the time of a block".to_owned();
+        return ahead(what, wall_s - now_s);
+    }
+    match lane.expected_s(first) {
+        Some((index_s, first_s))
+            if index_s > now_s + AHEAD_S + AHEAD_PART * (now_s - first_s).max(0.0) =>
+        {
+            let rate_hz = lane.described.rate_hz;
+            let what = format!("is the rate of {rate_hz} Hz right? By it sample {first}");
+            ahead(what, index_s - now_s)
+        }
+        Some(_) | None => Ok(()),
+    }
+}
+
+fn no_stream(block: &wire::Block<'_>) -> Refusal {
+    let text = format!("a block of stream {}, which is not in the hello", block.stream);
+    Refusal::new(ErrorCode::Unexpected, text)
+}
+
+/// Time from one moment to another, s; exact to a microsecond over centuries.
+fn seconds_since(origin: Timestamp, at: Timestamp) -> f64 {
+    // Both are 64 bits wide: their difference is not, and fits into 128.
+    (i128::from(at.0) - i128::from(origin.0)) as f64 / 1e9
+}
+
+fn rfc3339(at: Timestamp) -> String {
+    jiff::Timestamp::from_nanosecond(i128::from(at.0)).unwrap_or_default().to_string()
+}
