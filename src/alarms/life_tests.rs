@@ -133,6 +133,7 @@ fn missing_data_raise_an_alarm_of_their_own_and_clear_no_other() {
     assert_eq!((missing.id, &missing.source), (2, &AlarmSource::Data));
     assert_eq!(missing.why, "no data have come for 10 s");
     assert_eq!(engine.standing()[1].state, AlarmState::Unacknowledged);
+    assert!(engine.tick(at(15.5), DataFlow::Unknown, None).is_empty(), "it stands as it stood");
     let events = engine.tick(at(16.0), DataFlow::Flowing, None);
     assert_eq!(kinds(&events), [EventKind::Returned]);
     let events = engine.tick(at(17.0), DataFlow::Failed("disk on fire"), None);

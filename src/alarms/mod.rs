@@ -57,6 +57,8 @@ pub enum DataFlow<'a> {
     Flowing,
     /// Nothing has come for so long, s of monotonic time.
     SilentFor(f64),
+    /// Nobody can tell yet: an alarm of missing data stands as it stands.
+    Unknown,
     /// The source gave up, with the reason.
     Failed(&'a str),
 }
@@ -235,7 +237,7 @@ impl AlarmEngine {
     ) -> Vec<AlarmEvent> {
         let mut events = self.end_shelvings(now);
         let silent = match flow {
-            DataFlow::Flowing => None,
+            DataFlow::Flowing | DataFlow::Unknown => None,
             DataFlow::SilentFor(for_s) if for_s < self.settings.missing_after_s => None,
             DataFlow::SilentFor(for_s) => Some(format!("no data have come for {for_s:.0} s")),
             DataFlow::Failed(why) => Some(format!("no data come, the source failed: {why}")),
@@ -256,7 +258,9 @@ impl AlarmEngine {
             (&mut self.store, AlarmSource::Store, store_failure),
         ];
         let mut moved = Vec::new();
-        for (slot, source, why) in stated {
+        let is_told =
+            |source: &AlarmSource| *source != AlarmSource::Data || flow != DataFlow::Unknown;
+        for (slot, source, why) in stated.into_iter().filter(|(_, source, _)| is_told(source)) {
             let level = why.map(|_| Level::Warning);
             let finding = || of_machine(source.clone(), why.unwrap_or_default());
             let time_s = now.stream_s;

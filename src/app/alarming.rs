@@ -27,6 +27,8 @@ pub(super) struct Alarming {
     /// Whether silence of the source is a fault: a replay may wait for its next segment.
     is_live: bool,
     last_block: Instant,
+    /// Whether a block has come since the start.
+    has_begun: bool,
     transitions: Counter,
     metrics: AlarmLoadMetrics,
 }
@@ -40,7 +42,8 @@ impl Alarming {
         metrics: AlarmLoadMetrics,
     ) -> Self {
         let machine = machine.to_owned();
-        Self { machine, keeper, is_live, last_block: super::now(), transitions, metrics }
+        let last_block = super::now();
+        Self { machine, keeper, is_live, last_block, has_begun: false, transitions, metrics }
     }
 
     /// This instant, at a stream time.
@@ -51,6 +54,7 @@ impl Alarming {
     /// A block has come.
     pub(super) fn note_block(&mut self, arrived: Instant) {
         self.last_block = arrived;
+        self.has_begun = true;
     }
 
     /// Takes in that time has passed; gives what happened.
@@ -63,9 +67,11 @@ impl Alarming {
     ) -> Vec<AlarmEvent> {
         let flow = match source {
             SourceState::Failed(why) => DataFlow::Failed(why),
-            SourceState::Starting | SourceState::Running if self.is_live && !is_waiting => {
-                let silent = super::now().saturating_duration_since(self.last_block);
-                DataFlow::SilentFor(silent.as_secs_f64())
+            SourceState::Starting | SourceState::Running if self.is_live => {
+                let silent = super::now().saturating_duration_since(self.last_block).as_secs_f64();
+                // What waits may be this machine's; and what was silent before the start may be so still.
+                let is_open = !self.has_begun && silent < engine.settings().missing_after_s;
+                if is_waiting || is_open { DataFlow::Unknown } else { DataFlow::SilentFor(silent) }
             }
             SourceState::Starting | SourceState::Running | SourceState::Finished => {
                 DataFlow::Flowing

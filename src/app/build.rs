@@ -26,6 +26,7 @@ use super::trending::TrendPlan;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Decisions;
 use crate::api::view::BaselineHandle;
 use crate::api::view::CaptureHandle;
 use crate::api::view::EventsHandle;
@@ -327,20 +328,21 @@ fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) 
     StreamKey { identity, start, judged_by: Some(judged_by) }
 }
 
-/// Lets an engine go on with what is stored of its machine.
+/// Lets an engine go on with what is stored of its machine; gives what that causes, and the delays that were stored.
 pub(super) fn restore(
     engine: &mut AlarmEngine,
     machine: &str,
     stream: &StreamKey,
     archive: &dyn Archive,
     clock: Clock,
-) -> Result<Vec<AlarmEvent>, StartError> {
+) -> Result<(Vec<AlarmEvent>, Option<Decisions>), StartError> {
     let now = clock.moment(0.0);
     let kept = archive.load(machine, stream, now, engine.settings().history_len)?;
     if !kept.alarms.is_empty() {
         tracing::info!(machine, n_alarms = kept.alarms.len(), "alarms of before the start stand");
     }
-    Ok(engine.restore(kept, now))
+    let decisions = kept.decisions.clone();
+    Ok((engine.restore(kept, now), decisions))
 }
 
 /// Makes the monitor of a machine whose source could be opened.
@@ -366,7 +368,7 @@ fn monitor(
             // Without a stream its alarms count from now.
             let start_time = Some(super::wall_clock());
             let key = StreamKey { start: start_time, ..StreamKey::default() };
-            let alarm_events = restore(&mut idle, &machine.id, &key, archive, clock)?;
+            let (alarm_events, _) = restore(&mut idle, &machine.id, &key, archive, clock)?;
             let keeper = keeper_of(&key);
             let (monitor, is_live, alarms) = (None, false, idle);
             return Ok(Opened {
@@ -390,7 +392,7 @@ fn monitor(
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
     monitor.use_signed(active_records(&*stores.baselines.store, &machine.id)?);
     let key = stream_key(config, entry, info.start_time);
-    let alarm_events = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
+    let (alarm_events, _) = restore(monitor.alarms_mut(), &machine.id, &key, archive, clock)?;
     let judged_until_s = monitor.alarms().judged_until_s();
     let trending =
         Trending::new(stores.trend_keeper.clone(), &machine.id, &key, monitor.channels());

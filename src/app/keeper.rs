@@ -206,7 +206,9 @@ impl MachineKeeper {
             events,
             health,
             standing: self.send_standing.then(|| engine.standing()),
-            decisions: self.stream.judged_by.is_some().then(|| engine.decisions()),
+            // An engine that has judged nothing knows no more than what is kept.
+            decisions: (self.stream.judged_by.is_some() && engine.judged_until_s().is_some())
+                .then(|| engine.decisions()),
         };
         self.decisions_at = (super::now(), batch.judged_until_s);
         match self.keeper.jobs.try_send(Job { batch, done }) {

@@ -137,6 +137,8 @@ impl<T: Transport> Conversation<'_, T> {
                         Became::Wait => self.wait()?,
                     }
                 };
+                // Waiting for room is the daemon's doing.
+                self.session.heard(self.hub.clock.elapsed_s());
                 self.session.settle(block.stream, sequence, now_s);
             }
             Message::Bye(bye) => self.has_ended = *bye == Bye::End,

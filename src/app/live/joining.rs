@@ -41,7 +41,7 @@ pub(in crate::app) fn join(
     let judged_by = Some(configuration_hash(&config));
     let key = StreamKey { identity: None, start: Some(origin), judged_by };
     let mut alarms = AlarmEngine::of_machine(&entry.machine, &[], config.monitor.alarms.clone());
-    let alarm_events = restore(&mut alarms, id, &key, &*keeper.archive, keeper.clock)?;
+    let (alarm_events, kept) = restore(&mut alarms, id, &key, &*keeper.archive, keeper.clock)?;
     let opener = Opener {
         config: Arc::clone(&config),
         entry: entry.clone(),
@@ -51,6 +51,7 @@ pub(in crate::app) fn join(
         key: key.clone(),
         capturer: stores.captures.as_ref().map(|captures| captures.capturer.clone()),
         metrics: Arc::clone(metrics),
+        kept,
         waiting_bytes: 0,
     };
     let opened = Opened {

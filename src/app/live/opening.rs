@@ -2,6 +2,7 @@
 
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Decisions;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
 use crate::app::captures;
@@ -35,6 +36,8 @@ pub struct Opener {
     pub(in crate::app) key: StreamKey,
     pub(in crate::app) capturer: Option<Capturer>,
     pub(in crate::app) metrics: Arc<Metrics>,
+    /// Delays and hysteresis of before the start, for the first stream.
+    pub(in crate::app) kept: Option<Decisions>,
     /// Bytes of captures that may wait for the disk on account of this machine.
     pub(in crate::app) waiting_bytes: usize,
 }
@@ -84,7 +87,7 @@ impl Opener {
             last_id: alarms.last_id(),
             last_sequence: alarms.last_sequence(),
             judged_until_s: None,
-            decisions: Some(alarms.decisions()),
+            decisions: self.kept.take().or_else(|| Some(alarms.decisions())),
         };
         let alarm_events = monitor.alarms_mut().restore(kept, now);
         if let Some(capturer) = &self.capturer {

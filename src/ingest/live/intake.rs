@@ -25,6 +25,9 @@ use std::sync::Arc;
 /// What a time may be ahead of the daemon's clock, s.
 pub const AHEAD_S: f64 = 10.0;
 
+/// Longest stretch of one block, s.
+const BLOCK_S: f64 = 600.0;
+
 /// What the time of an index may run ahead of the clock besides, as a part of the time since the epoch's begin: clocks
 /// drift, and a rate may be stated a little wrong.
 const AHEAD_PART: f64 = 0.05;
@@ -310,6 +313,7 @@ impl Intake {
     ) -> Result<(u64, Taken), Refusal> {
         let id = self.lane_of(session, block)?;
         let Some(lane) = self.lanes.get(&id) else { return Err(no_stream(block)) };
+        check_span(lane, block.samples.len())?;
         let now_s = seconds_since(self.origin, arrived.0);
         let wall_s = if block.time_ns == wire::NO_TIME {
             // The last sample has just been taken.
@@ -416,6 +420,19 @@ impl Intake {
         };
         self.lanes.values_mut().map(status).collect()
     }
+}
+
+/// Whether a block is short enough: all windows that it completes are judged at once.
+fn check_span(lane: &Lane, n_samples: usize) -> Result<(), Refusal> {
+    let span_s = n_samples.saturating_sub(1) as f64 / lane.described.rate_hz;
+    if span_s <= BLOCK_S {
+        return Ok(());
+    }
+    let text = format!(
+        "channel {:?}: a block spans {span_s:.0} s, at most {BLOCK_S} s are taken: send shorter ones",
+        lane.described.name
+    );
+    Err(Refusal::new(ErrorCode::TooLarge, text))
 }
 
 /// Whether a block lies in the future, by its time or by the place of its first sample.

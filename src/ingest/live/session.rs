@@ -68,6 +68,11 @@ impl Session {
         }
     }
 
+    /// Takes in that the sender is alive, as far as it was listened to.
+    pub fn heard(&mut self, now_s: f64) {
+        self.last_frame_s = now_s;
+    }
+
     /// Takes in that a frame of so many bytes has come; says whether a block is within its credit.
     ///
     /// # Errors
