@@ -13,6 +13,7 @@ use std::net::TcpStream;
 use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
+use tungstenite::client::IntoClientRequest;
 
 const RATE_HZ: u32 = 2000;
 
@@ -385,13 +386,12 @@ fn a_small_sender_speaks_json_over_a_websocket() {
     socket.send(tungstenite::Message::text("{}")).unwrap();
     let told = socket.read().unwrap().into_text().unwrap();
     assert!(told.contains("malformed"), "{told}");
-    let host = daemon.base_url.strip_prefix("http://").unwrap();
-    let request = format!(
-        "GET /api/v1/ingest HTTP/1.1\r\nhost: {host}\r\nconnection: upgrade\r\nupgrade: websocket\r\n\
-         sec-websocket-version: 13\r\nsec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\norigin: http://evil.example\r\n\r\n"
-    );
-    let answer = String::from_utf8_lossy(&daemon.send_raw(request.as_bytes())).into_owned();
-    assert!(answer.starts_with("HTTP/1.1 421"), "{answer}");
+    let mut request = url.as_str().into_client_request().unwrap();
+    request.headers_mut().insert("origin", "http://evil.example".parse().unwrap());
+    let Err(tungstenite::Error::Http(answer)) = tungstenite::connect(request) else {
+        panic!("a page of elsewhere was let in");
+    };
+    assert_eq!(answer.status().as_u16(), 421);
 }
 
 #[test]
