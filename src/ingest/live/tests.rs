@@ -289,9 +289,9 @@ fn a_block_is_no_longer_than_what_may_be_judged_at_once() {
     let mut intake = intake();
     let slow = Channel { rate_hz: 0.01, ..channel("x", SampleType::I16) };
     admit(&mut intake, 1, 0.0, &hello(1, vec![slow])).unwrap();
-    let refused = take(&mut intake, 1, &Owned::ramp(0, 0, 62, 0.0), 7000.0);
+    let refused = take(&mut intake, 1, &Owned::ramp(0, 0, 8, 0.0), 7000.0);
     assert_eq!(code(refused), ErrorCode::TooLarge);
-    take(&mut intake, 1, &Owned::ramp(0, 0, 61, 0.0), 7000.0).unwrap();
+    take(&mut intake, 1, &Owned::ramp(0, 0, 7, 0.0), 7000.0).unwrap();
 }
 
 #[test]
