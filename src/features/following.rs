@@ -161,7 +161,7 @@ impl Followed {
             first: Some(self.first),
             source: if is_moved { Some(SpeedSource::Estimated) } else { settled.source },
             confidence: settled.confidence.max(CONFIDENCE),
-            excursion: self.turning.excursion,
+            // Within the ± 3 % followed, levels stay those of one speed: the window is none of a run-up.
             turning: Some(self.turning),
             notes,
             ..settled
@@ -192,6 +192,9 @@ fn follow(
     orders: &[CombOrder],
     plans: &mut Plans,
 ) -> Option<Followed> {
+    if 2.0 * f64::from(HIGHEST) * around.0 >= trace.rate.0 {
+        return None; // Too slow for the harmonics that would confirm it.
+    }
     let orders = leading(trace, around, orders);
     let n = trace.samples.len();
     let duration_s = n as f64 / trace.rate.0;
