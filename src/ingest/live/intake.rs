@@ -10,6 +10,7 @@ use super::lane::Lane;
 use super::lane::Placing;
 pub use super::lane::Taken;
 use super::ledger::Ledger;
+use super::rules;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::signal::ChannelIndex;
@@ -21,19 +22,6 @@ use crate::wire::Wanted;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::sync::Arc;
-
-/// What a time may be ahead of the daemon's clock, s.
-pub const AHEAD_S: f64 = 10.0;
-
-/// Longest stretch of one block, s.
-const BLOCK_S: f64 = 600.0;
-
-/// What the time of an index may run ahead of the clock besides, as a part of the time since the epoch's begin: clocks
-/// drift, and a rate may be stated a little wrong.
-const AHEAD_PART: f64 = 0.05;
-
-/// Bounds of a speed or load that is believed.
-const PLAUSIBLE: f64 = 1e9;
 
 /// Names of channels that a machine may have had since the start: each has its counters, in metrics too.
 const MAX_NAMES: usize = 2 * wire::MAX_CHANNELS;
@@ -128,7 +116,7 @@ impl Intake {
         hello: &wire::Hello,
         room: &mut dyn FnMut(&StreamInfo) -> Result<(), String>,
     ) -> Result<Admitted, Refusal> {
-        let described = self.check(hello)?;
+        let described = rules::check(hello, &self.machine)?;
         let old = self.superseded_by(hello)?;
         // By place in the hello: the lane there is, or a new one.
         let found: Vec<Option<u32>> = hello
@@ -156,27 +144,6 @@ impl Intake {
             self.superseded.insert(id);
         }
         Ok(Admitted { wanted: self.admit(session, (peer, arrived), hello.epoch, ids), opened })
-    }
-
-    /// What can be said of a hello by itself: its channels as lanes.
-    fn check(&self, hello: &wire::Hello) -> Result<Vec<Lane>, Refusal> {
-        let bad = |text: String| Refusal::new(ErrorCode::BadChannel, text);
-        if hello.channels.is_empty() {
-            return Err(bad("the hello names no channel".to_owned()));
-        }
-        let mut names = BTreeSet::new();
-        if let Some(twice) = hello.channels.iter().find(|channel| !names.insert(&channel.name)) {
-            return Err(bad(format!("channel {:?} is named twice", twice.name)));
-        }
-        let is_wild =
-            |number: Option<f64>| number.is_some_and(|x| x.is_nan() || x.abs() > PLAUSIBLE);
-        let is_turning = hello.shaft_speed_hz.is_none_or(|speed| speed > 0.0);
-        if is_wild(hello.shaft_speed_hz) || is_wild(hello.load) || !is_turning {
-            return Err(bad(
-                "the shaft's speed is not above 0, or speed or load is no usable number".to_owned(),
-            ));
-        }
-        hello.channels.iter().map(|channel| Lane::new(channel, &self.machine)).collect()
     }
 
     /// Connections of the same sender that have a channel of the hello; an error if another sender has one.
@@ -312,8 +279,8 @@ impl Intake {
         has_room: bool,
     ) -> Result<(u64, Taken), Refusal> {
         let id = self.lane_of(session, block)?;
-        let Some(lane) = self.lanes.get(&id) else { return Err(no_stream(block)) };
-        check_span(lane, block.samples.len())?;
+        let Some(lane) = self.lanes.get(&id) else { return Err(rules::no_stream(block)) };
+        rules::check_span(lane, block.samples.len())?;
         let now_s = seconds_since(self.origin, arrived.0);
         let wall_s = if block.time_ns == wire::NO_TIME {
             // The last sample has just been taken.
@@ -321,12 +288,12 @@ impl Intake {
         } else {
             seconds_since(self.origin, Timestamp(block.time_ns))
         };
-        check_time(lane, block.first, (wall_s, now_s))?;
+        rules::check_time(lane, block.first, (wall_s, now_s))?;
         let is_unplaced = lane.is_unplaced();
         let shift_s = if is_unplaced { self.sender_shift_s(session, wall_s) } else { 0.0 };
         let placing =
             Placing { segment: self.segment, keeps_received: self.keeps_received, has_room };
-        let Some(lane) = self.lanes.get_mut(&id) else { return Err(no_stream(block)) };
+        let Some(lane) = self.lanes.get_mut(&id) else { return Err(rules::no_stream(block)) };
         if is_unplaced {
             lane.place(block.first, wall_s, shift_s);
             lane.next.sequence = block.sequence;
@@ -345,7 +312,7 @@ impl Intake {
         let sender = self.senders.get(&session);
         let id = sender.and_then(|sender| sender.lanes.get(usize::from(block.stream)));
         let found = id.and_then(|id| Some((*id, self.lanes.get(id)?)));
-        let (id, lane) = found.ok_or_else(|| no_stream(block))?;
+        let (id, lane) = found.ok_or_else(|| rules::no_stream(block))?;
         if block.samples.kind() == lane.described.sample_type && !block.samples.is_empty() {
             return Ok(id);
         }
@@ -420,47 +387,6 @@ impl Intake {
         };
         self.lanes.values_mut().map(status).collect()
     }
-}
-
-/// Whether a block is short enough: all windows that it completes are judged at once.
-fn check_span(lane: &Lane, n_samples: usize) -> Result<(), Refusal> {
-    let span_s = n_samples.saturating_sub(1) as f64 / lane.described.rate_hz;
-    if span_s <= BLOCK_S {
-        return Ok(());
-    }
-    let text = format!(
-        "channel {:?}: a block spans {span_s:.0} s, at most {BLOCK_S} s are taken: send shorter ones",
-        lane.described.name
-    );
-    Err(Refusal::new(ErrorCode::TooLarge, text))
-}
-
-/// Whether a block lies in the future, by its time or by the place of its first sample.
-fn check_time(lane: &Lane, first: u64, (wall_s, now_s): (f64, f64)) -> Result<(), Refusal> {
-    let ahead = |what: String, by_s: f64| {
-        let name = &lane.described.name;
-        let text = format!("channel {name:?}: {what} lies {by_s:.1} s after the daemon's clock");
-        Err(Refusal::new(ErrorCode::TimeAhead, text))
-    };
-    if wall_s > now_s + AHEAD_S {
-        let what = "set the sender's clock: the time of a block".to_owned();
-        return ahead(what, wall_s - now_s);
-    }
-    match lane.expected_s(first) {
-        Some((index_s, first_s))
-            if index_s > now_s + AHEAD_S + AHEAD_PART * (now_s - first_s).max(0.0) =>
-        {
-            let rate_hz = lane.described.rate_hz;
-            let what = format!("is the rate of {rate_hz} Hz right? By it sample {first}");
-            ahead(what, index_s - now_s)
-        }
-        Some(_) | None => Ok(()),
-    }
-}
-
-fn no_stream(block: &wire::Block<'_>) -> Refusal {
-    let text = format!("a block of stream {}, which is not in the hello", block.stream);
-    Refusal::new(ErrorCode::Unexpected, text)
 }
 
 /// Time from one moment to another, s; exact to a microsecond over centuries.
