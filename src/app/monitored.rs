@@ -47,6 +47,9 @@ use tokio::sync::watch;
 const NO_CAPTURES: &str =
     "no captures are made: captures.enabled is false, or the source cannot be opened";
 
+/// Why a machine is given up whose analysis panicked.
+const PANICKED: &str = "internal error in the analysis, see the log";
+
 /// What is known of a machine before its first block.
 #[derive(Debug)]
 pub struct Opened {
@@ -95,6 +98,8 @@ pub struct Monitored {
     trending: Option<Trending>,
     /// What opens the stream of live senders.
     opener: Option<Opener>,
+    /// What its senders' clocks do wrong.
+    doubts: Vec<String>,
     /// The windows behind them.
     seen: Seen,
     losses: Arc<Losses>,
@@ -132,6 +137,7 @@ impl Monitored {
             trends: vec![TrendStore::default(); channels.len()],
             trending: opened.trending,
             opener: opened.opener,
+            doubts: Vec::new(),
             seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
@@ -163,6 +169,12 @@ impl Monitored {
                 }
             }
             Input::Open(info) => self.open(&info, queue_bytes),
+            Input::Doubts(doubts) => {
+                for doubt in &doubts {
+                    tracing::warn!(machine = self.machine.id, doubt, "a clock runs wrong");
+                }
+                self.doubts = doubts;
+            }
             Input::Source(state) => {
                 self.note_source(state);
                 if self.source == SourceState::Finished {
@@ -192,20 +204,25 @@ impl Monitored {
             capturing.reached(None);
         }
         let now = self.alarming.moment(self.stream_time_s());
-        let alarms = self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms);
-        let Some(opener) = &mut self.opener else { return };
-        let fresh = match opener.open(info, alarms, now) {
-            Ok(fresh) => fresh,
-            Err(reason) => {
+        // The rings that were go before those that come are made, and no block of another stream meets them.
+        self.give_up_monitor();
+        (self.capturing, self.trending) = (None, None);
+        let (opener, alarms) = (&mut self.opener, &self.idle_alarms);
+        let opened = catch_unwind(AssertUnwindSafe(|| Some(opener.as_mut()?.open(info, alarms, now))));
+        let fresh = match opened.unwrap_or_else(|_| Some(Err(PANICKED.to_owned()))) {
+            Some(Ok(fresh)) => fresh,
+            Some(Err(reason)) => {
                 self.note_source(SourceState::Failed(reason));
-                self.publish(queue_bytes);
-                return;
+                return self.publish(queue_bytes);
             }
+            None => return,
         };
-        let mut monitor = fresh.monitor;
-        if let Some(capturing) = &fresh.capturing {
-            capturing.prepare(&mut monitor);
+        if matches!(self.source, SourceState::Failed(_)) {
+            tracing::info!(machine = self.machine.id, "the source is opened again after its failure");
+            self.source = SourceState::Starting;
         }
+        let Some(opener) = &self.opener else { return };
+        let monitor = fresh.monitor;
         let channels = monitor.channels().to_vec();
         self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
         self.trends = vec![TrendStore::default(); channels.len()];
@@ -370,14 +387,17 @@ impl Monitored {
             work(monitor, &mut |outcome| outcomes.push(outcome));
         }));
         if done.is_err() {
-            // Alarms are moved between windows only: what stands, stands.
-            if let Some(monitor) = self.monitor.take() {
-                self.idle_alarms = monitor.alarms().clone();
-            }
-            let reason = "internal error in the analysis, see the log".to_owned();
-            self.note_source(SourceState::Failed(reason));
+            self.give_up_monitor();
+            self.note_source(SourceState::Failed(PANICKED.to_owned()));
         }
         outcomes
+    }
+
+    /// Goes on without a monitor. Alarms are moved between windows only: what stands, stands.
+    fn give_up_monitor(&mut self) {
+        if let Some(monitor) = self.monitor.take() {
+            self.idle_alarms = monitor.alarms().clone();
+        }
     }
 
     fn take_outcomes(
@@ -398,7 +418,10 @@ impl Monitored {
                 }
             }
             let health = self.health.observe(&outcome.diagnosis, end_s);
-            self.diagnosis = Some(outcome.diagnosis);
+            self.diagnosis = Some(match &self.doubts[..] {
+                [] => outcome.diagnosis,
+                doubts => Arc::new(outcome.diagnosis.with_doubts(doubts)),
+            });
             self.features = Arc::new(outcome.features);
             self.capture(&outcome.alarm_events, end_s);
             self.keep(outcome.alarm_events, health);

@@ -8,7 +8,7 @@ use crate::wire::ErrorCode;
 use std::collections::BTreeSet;
 
 /// What a time may be ahead of the daemon's clock, s.
-pub const AHEAD_S: f64 = 10.0;
+pub(super) const AHEAD_S: f64 = 10.0;
 
 /// Longest stretch of one block, s.
 const BLOCK_S: f64 = 600.0;
