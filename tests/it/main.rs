@@ -14,6 +14,7 @@ mod damaged_bearing;
 mod gaps;
 mod hook;
 mod mqtt;
+mod values;
 mod neighbours;
 mod notify;
 mod foreign;

@@ -130,7 +130,17 @@ impl LedgerWire {
             }};
         }
         with_counts!(
-            received, used, late, duplicate, not_finite, out_of_range, dropped, lost, gaps, clipped, blocks,
+            received,
+            used,
+            late,
+            duplicate,
+            not_finite,
+            out_of_range,
+            dropped,
+            lost,
+            gaps,
+            clipped,
+            blocks,
             blocks_lost
         )
     }

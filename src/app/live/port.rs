@@ -11,7 +11,9 @@ use crate::app::recording::Recording;
 use crate::app::trouble::Troubles;
 use crate::capture::recording::store::Store as Recordings;
 use crate::config::Config;
+use crate::config::Live;
 use crate::config::MachineConfig;
+use crate::config::SourceConfig;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::intake::Arrived;
 use crate::ingest::live::intake::Intake;
@@ -56,13 +58,14 @@ pub(in crate::app) struct PortPlan {
 /// doing does not wait for it.
 pub(in crate::app) struct Port {
     plan: PortPlan,
+    live: Live,
     recorder: Mutex<Recorder>,
     state: Mutex<State>,
 }
 
 /// What is recorded of the stream that is open.
 #[derive(Default)]
-struct Recorder {
+pub(super) struct Recorder {
     info: Option<StreamInfo>,
     recording: Option<Recording>,
 }
@@ -106,7 +109,11 @@ impl Port {
             doubts: Vec::new(),
             counted: BTreeMap::new(),
         };
-        Self { plan, recorder: Mutex::default(), state: Mutex::new(state) }
+        let live = match &plan.entry.source {
+            SourceConfig::Live(live) => live.clone(),
+            SourceConfig::Replay(_) | SourceConfig::Simulated(_) => Live::default(),
+        };
+        Self { plan, live, recorder: Mutex::default(), state: Mutex::new(state) }
     }
 
     /// The machine's id.
@@ -114,11 +121,16 @@ impl Port {
         &self.plan.entry.machine.id
     }
 
+    /// From where its samples come.
+    pub(super) fn live(&self) -> &Live {
+        &self.live
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn recorder(&self) -> MutexGuard<'_, Recorder> {
+    pub(super) fn recorder(&self) -> MutexGuard<'_, Recorder> {
         self.recorder.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -1,8 +1,10 @@
 //! What a sender may say: the rules of a hello and of a block that need nothing but what is said. Must not know who else sends.
 
 use super::Refusal;
+use super::intake::Arrived;
 use super::lane::Lane;
 use crate::machine::Machine;
+use crate::signal::Timestamp;
 use crate::wire;
 use crate::wire::ErrorCode;
 use std::collections::BTreeSet;
@@ -30,12 +32,11 @@ pub(super) fn check(hello: &wire::Hello, machine: &Machine) -> Result<Vec<Lane>,
     if let Some(twice) = hello.channels.iter().find(|channel| !names.insert(&channel.name)) {
         return Err(bad(format!("channel {:?} is named twice", twice.name)));
     }
-    let is_wild =
-        |number: Option<f64>| number.is_some_and(|x| x.is_nan() || x.abs() > PLAUSIBLE);
+    let is_wild = |number: Option<f64>| number.is_some_and(|x| x.is_nan() || x.abs() > PLAUSIBLE);
     let is_turning = hello.shaft_speed_hz.is_none_or(|speed| speed > 0.0);
     if is_wild(hello.shaft_speed_hz) || is_wild(hello.load) || !is_turning {
         return Err(bad(
-            "the shaft's speed is not above 0, or speed or load is no usable number".to_owned(),
+            "the shaft's speed is not above 0, or speed or load is no usable number".to_owned()
         ));
     }
     hello.channels.iter().map(|channel| Lane::new(channel, machine)).collect()
@@ -54,8 +55,26 @@ pub(super) fn check_span(lane: &Lane, n_samples: usize) -> Result<(), Refusal> {
     Err(Refusal::new(ErrorCode::TooLarge, text))
 }
 
+/// Whether a time lies in the future.
+///
+/// # Errors
+/// When it does.
+pub fn check_ahead(at: Timestamp, now: Arrived) -> Result<(), Refusal> {
+    // As f64: both are 64 bits wide, their difference is not.
+    let by_s = (i128::from(at.0) - i128::from(now.0.0)) as f64 / 1e9;
+    if by_s <= AHEAD_S {
+        return Ok(());
+    }
+    let text = format!("a time lies {by_s:.1} s after the daemon's clock: set the sender's clock");
+    Err(Refusal::new(ErrorCode::TimeAhead, text))
+}
+
 /// Whether a block lies in the future, by its time or by the place of its first sample.
-pub(super) fn check_time(lane: &Lane, first: u64, (wall_s, now_s): (f64, f64)) -> Result<(), Refusal> {
+pub(super) fn check_time(
+    lane: &Lane,
+    first: u64,
+    (wall_s, now_s): (f64, f64),
+) -> Result<(), Refusal> {
     let ahead = |what: String, by_s: f64| {
         let name = &lane.described.name;
         let text = format!("channel {name:?}: {what} lies {by_s:.1} s after the daemon's clock");

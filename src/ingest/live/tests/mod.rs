@@ -48,21 +48,11 @@ fn at(stream_s: f64) -> Timestamp {
 }
 
 fn channel(name: &str, sample_type: SampleType) -> Channel {
-    Channel {
-        name: name.to_owned(),
-        rate_hz: RATE_HZ,
-        sample_type,
-        scale: 1.0,
-        offset: 0.0,
-        zero: 0.0,
-        range: None,
-        unit: "m/s^2".to_owned(),
-    }
+    Channel::new(name, RATE_HZ, sample_type, "m/s^2")
 }
 
 fn hello(epoch: u64, channels: Vec<Channel>) -> Hello {
-    let machine = "rig-1".to_owned();
-    Hello { machine, token: String::new(), epoch, shaft_speed_hz: None, load: None, channels }
+    Hello::new("rig-1", epoch, channels)
 }
 
 fn intake() -> Intake {

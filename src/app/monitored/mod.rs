@@ -1,5 +1,7 @@
 //! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
 
+mod switching;
+
 use super::alarming::Alarming;
 use super::capturing::Asked;
 use super::capturing::Capturing;
@@ -24,7 +26,6 @@ use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
-use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::notify::HealthChange;
 use crate::notify::HealthWatch;
@@ -195,47 +196,6 @@ impl Monitored {
         }
     }
 
-    /// Goes on with another stream: the alarms stay, rings and windows begin anew.
-    fn open(&mut self, info: &StreamInfo, queue_bytes: usize) {
-        let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
-        self.take_outcomes(outcomes, None, queue_bytes);
-        self.trending.iter_mut().for_each(Trending::close);
-        if let Some(capturing) = &mut self.capturing {
-            capturing.reached(None);
-        }
-        let now = self.alarming.moment(self.stream_time_s());
-        // The rings that were go before those that come are made, and no block of another stream meets them.
-        self.give_up_monitor();
-        (self.capturing, self.trending) = (None, None);
-        let (opener, alarms) = (&mut self.opener, &self.idle_alarms);
-        let opened = catch_unwind(AssertUnwindSafe(|| Some(opener.as_mut()?.open(info, alarms, now))));
-        let fresh = match opened.unwrap_or_else(|_| Some(Err(PANICKED.to_owned()))) {
-            Some(Ok(fresh)) => fresh,
-            Some(Err(reason)) => {
-                self.note_source(SourceState::Failed(reason));
-                return self.publish(queue_bytes);
-            }
-            None => return,
-        };
-        if matches!(self.source, SourceState::Failed(_)) {
-            tracing::info!(machine = self.machine.id, "the source is opened again after its failure");
-            self.source = SourceState::Starting;
-        }
-        let Some(opener) = &self.opener else { return };
-        let monitor = fresh.monitor;
-        let channels = monitor.channels().to_vec();
-        self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
-        self.trends = vec![TrendStore::default(); channels.len()];
-        self.channels = Arc::new(channels);
-        self.monitor = Some(monitor);
-        self.capturing = fresh.capturing;
-        self.trending = Some(fresh.trending);
-        self.seen = Seen::default();
-        self.features = Arc::default();
-        self.keep(fresh.alarm_events, Vec::new());
-        self.publish(queue_bytes);
-    }
-
     /// Exchanges the kept plans: those of the shard go where the work is, so that machines need none of their own.
     pub fn exchange_plans(&mut self, plans: &mut Plans) {
         if let Some(monitor) = &mut self.monitor {
@@ -298,6 +258,12 @@ impl Monitored {
                 }));
             }
         }
+    }
+
+    /// Stream time up to which alarms know the stream, s.
+    #[cfg(test)]
+    pub(in crate::app) fn judged_until_s(&self) -> Option<f64> {
+        self.alarms().judged_until_s()
     }
 
     /// Takes in that time has passed and publishes a snapshot.
@@ -391,13 +357,6 @@ impl Monitored {
             self.note_source(SourceState::Failed(PANICKED.to_owned()));
         }
         outcomes
-    }
-
-    /// Goes on without a monitor. Alarms are moved between windows only: what stands, stands.
-    fn give_up_monitor(&mut self) {
-        if let Some(monitor) = self.monitor.take() {
-            self.idle_alarms = monitor.alarms().clone();
-        }
     }
 
     fn take_outcomes(
