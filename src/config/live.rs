@@ -46,24 +46,33 @@ impl Live {
     }
 }
 
-impl SourceConfig {
-    /// Takes up another source of the same machine; gives it back if both cannot be.
-    pub(super) fn join(&mut self, other: Self) -> Result<(), Self> {
-        match (self, other) {
-            (Self::Live(one), Self::Live(two))
+impl Resolver<'_> {
+    /// Adds another source of a machine to the one there is; `None`: one that was reported.
+    pub(super) fn join(
+        &mut self,
+        path: &str,
+        there: &mut Option<SourceConfig>,
+        other: Option<SourceConfig>,
+    ) {
+        match (there, other) {
+            (Some(SourceConfig::Live(one)), Some(SourceConfig::Live(two)))
                 if !(one.listens && two.listens)
                     && one.brokers.len() + two.brokers.len() <= MAX_BROKERS =>
             {
                 one.listens |= two.listens;
                 one.brokers.extend(two.brokers);
-                Ok(())
             }
-            (_, other) => Err(other),
+            (Some(_), Some(_)) => {
+                let message = format!(
+                    "the machine already has a source: one of the kind \"tcp\" and {MAX_BROKERS} of the kind \"mqtt\" may \
+                     stand together, else one is allowed"
+                );
+                self.report(&format!("{path}.machine"), message);
+            }
+            (None, _) | (_, None) => {}
         }
     }
-}
 
-impl Resolver<'_> {
     /// A source of the kind `mqtt`.
     pub(super) fn subscription(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
         let rate_hz = self.required(path, "rate_hz", raw.rate_hz);

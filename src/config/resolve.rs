@@ -321,20 +321,7 @@ impl Resolver<'_> {
                 Entry::Vacant(entry) => {
                     entry.insert(source);
                 }
-                Entry::Occupied(mut entry) => {
-                    let joined = match (entry.get_mut(), source) {
-                        (Some(there), Some(source)) => there.join(source).is_ok(),
-                        (None, _) | (_, None) => true, // reported
-                    };
-                    if !joined {
-                        let message = format!(
-                            "machine {:?} already has a source: beside one of the kind \"tcp\" there may be some of the \
-                             kind \"mqtt\", else one is allowed",
-                            entry.key()
-                        );
-                        self.report(&format!("{path}.machine"), message);
-                    }
-                }
+                Entry::Occupied(mut entry) => self.join(&path, entry.get_mut(), source),
             }
         }
         sources

@@ -457,6 +457,19 @@ fn an_address_that_others_can_reach_needs_tokens() {
 }
 
 #[test]
+#[ignore = "takes 10 s, and needs the examples: cargo test builds them, cargo test --test it does not"]
+fn the_rust_example_streams_ten_seconds_and_loses_nothing() {
+    let (daemon, address) = live(support::MACHINE, "");
+    let example = std::path::Path::new(env!("CARGO_BIN_EXE_rotorwatch")).with_file_name("examples");
+    let streamed =
+        support::run(Command::new(example.join("stream")).args([&address, "rig-1", "right_x"]));
+    assert_eq!(streamed.status.code(), Some(0), "{}", streamed.stderr);
+    daemon.wait_finished("rig-1");
+    let ledger = assert_accounted(&daemon);
+    assert_eq!((count(&ledger, "used"), count(&ledger, "lost")), (100_000, 0));
+}
+
+#[test]
 #[ignore = "needs Python with numpy and h5py"]
 fn the_python_example_streams_a_capture_and_gets_its_diagnosis() {
     let dir = support::folder(&config(""), &[("rig.toml", scene::MACHINE.as_bytes())]);
