@@ -195,7 +195,7 @@ impl<'r> Summary<'r> {
             right: Rate::new(counts.of(Outcome::Right), counts.scored()),
         };
         let scores = || records.iter().filter_map(|r| r.score.as_ref().ok());
-        let judgements = || scores().flat_map(|s| &s.judgements);
+        let judgements = || scores().map(|s| &s.judgements[..]);
         Self {
             groups: groups.into_iter().map(group).collect(),
             total,
@@ -204,8 +204,8 @@ impl<'r> Summary<'r> {
             mistakes: mistakes(records, |a| a.stray && !a.beside),
             beside: mistakes(records, |a| a.stray && a.beside),
             open: open(records),
-            accusing: reliability::table(judgements().filter(|j| j.accused)),
-            acquitting: reliability::table(judgements().filter(|j| !j.accused)),
+            accusing: reliability::table(judgements(), |j| j.accused),
+            acquitting: reliability::table(judgements(), |j| !j.accused),
             processor: processor(records),
         }
     }
