@@ -12,6 +12,7 @@ use crate::alarms::load;
 use crate::alarms::load::Load;
 use crate::alarms::state::AlarmState;
 use crate::api::view::ActFailure;
+use crate::api::view::AlarmHistory;
 use crate::api::view::SourceState;
 use crate::notify::HealthChange;
 use crate::telemetry::AlarmLoadMetrics;
@@ -128,6 +129,15 @@ impl Alarming {
                 self.keeper.keep(engine, happened, stream_s, Some(Box::new(answer)));
             }
         }
+    }
+
+    /// The newest transitions: those of the engine's history, and before them what the store does not have yet.
+    pub(super) fn history(&mut self, engine: &AlarmEngine) -> AlarmHistory {
+        let oldest_held = engine.history_dropped() + 1;
+        let mut events = self.keeper.unstored_before(oldest_held);
+        let dropped = events.first().map_or(oldest_held, |first| first.sequence) - 1;
+        events.extend(engine.history().iter().cloned());
+        AlarmHistory { events, dropped }
     }
 
     /// Counts what the standing alarms ask of an operator.

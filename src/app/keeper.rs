@@ -14,9 +14,11 @@ use crate::store::StateStore;
 use crate::store::StreamKey;
 use crate::store::writer::Done;
 use crate::store::writer::Job;
+use crate::store::writer::MAX_WAITING;
 use crate::store::writer::Status;
 use crate::store::writer::Writer;
 use crate::telemetry::StoreMetrics;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::sync::mpsc::RecvTimeoutError;
@@ -142,6 +144,9 @@ pub struct MachineKeeper {
     tells_store: bool,
     /// Send all standing alarms: events were lost.
     send_standing: bool,
+    /// Transitions that are not stored yet, oldest first: what falls out of the engine's history before it is
+    /// stored shall still be shown. As many as may wait for the store.
+    unstored: VecDeque<AlarmEvent>,
     n_lost_seen: u64,
     /// When delays were kept, and up to which stream time they had gone, s.
     decisions_at: (Instant, Option<f64>),
@@ -160,6 +165,7 @@ impl MachineKeeper {
             stream,
             tells_store,
             send_standing: false,
+            unstored: VecDeque::new(),
             n_lost_seen: 0,
             decisions_at,
             is_ending: false,
@@ -198,6 +204,8 @@ impl MachineKeeper {
             return;
         }
         let n_events = events.len() + health.len();
+        self.forget_stored();
+        self.unstored.extend(events.iter().cloned());
         let batch = Batch {
             machine: self.machine.clone(),
             stream: self.stream.clone(),
@@ -220,6 +228,21 @@ impl MachineKeeper {
                     done(Err("the store does not keep up".to_owned()));
                 }
             }
+        }
+    }
+
+    /// The transitions before number `before` that may not be in the store yet, oldest first and without a hole up
+    /// to it.
+    pub fn unstored_before(&mut self, before: u64) -> Vec<AlarmEvent> {
+        self.forget_stored();
+        self.unstored.iter().take_while(|event| event.sequence < before).cloned().collect()
+    }
+
+    fn forget_stored(&mut self) {
+        let stored_until = self.keeper.status.stored_until(&self.machine);
+        let is_stored = |event: &AlarmEvent| event.sequence <= stored_until;
+        while self.unstored.front().is_some_and(is_stored) || self.unstored.len() > MAX_WAITING {
+            self.unstored.pop_front();
         }
     }
 

@@ -15,7 +15,6 @@ use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::alarms::load::Load;
-use crate::api::view::AlarmHistory;
 use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
@@ -274,11 +273,8 @@ impl Monitored {
                 let _asker_is_gone = reply.send(());
             }
             ShardRequest::AlarmHistory { reply } => {
-                let alarms = self.alarms();
-                drop(reply.send(AlarmHistory {
-                    events: alarms.history().iter().cloned().collect(),
-                    dropped: alarms.history_dropped(),
-                }));
+                let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+                drop(reply.send(self.alarming.history(engine)));
             }
         }
     }

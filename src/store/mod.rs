@@ -67,6 +67,21 @@ pub struct Batch {
 }
 
 impl Batch {
+    /// These events of a machine, at the beginning of a stream of which nothing else is known.
+    #[must_use]
+    pub fn new(machine: &str, events: Vec<AlarmEvent>) -> Self {
+        Self {
+            machine: machine.to_owned(),
+            stream: StreamKey::default(),
+            now: Moment::of_stream(0.0),
+            judged_until_s: None,
+            events,
+            health: Vec::new(),
+            standing: None,
+            decisions: None,
+        }
+    }
+
     /// Things that happened.
     #[must_use]
     pub fn len(&self) -> usize {

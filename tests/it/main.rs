@@ -16,6 +16,7 @@ mod hook;
 mod mqtt;
 mod neighbours;
 mod notify;
+mod event_stream;
 mod foreign;
 mod rubbish;
 mod recordings;
