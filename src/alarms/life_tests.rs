@@ -240,13 +240,13 @@ fn a_stream_that_is_played_again_says_nothing_new_up_to_where_it_was_judged() {
 }
 
 #[test]
-fn the_alarm_of_a_limit_that_is_gone_ends_its_condition() {
+fn the_alarm_of_a_limit_that_is_gone_is_over() {
     let mut engine = engine();
     let mut kept = kept(&alarmed(), None);
     kept.alarms[0].source = AlarmSource::Limit("gap".to_owned());
     let events = engine.restore(kept, at(0.0));
-    assert_eq!(kinds(&events), [EventKind::Returned]);
-    does(&mut engine, Action::Acknowledge, 1.0).unwrap();
+    assert_eq!(kinds(&events), [EventKind::ConfigurationRemoved]);
+    assert!(events[0].alarm.position().is_over());
     assert!(engine.standing().is_empty());
 }
 

@@ -227,7 +227,8 @@ impl PastAct {
             | EventKind::Suppressed
             | EventKind::Unsuppressed
             | EventKind::RemovedFromService
-            | EventKind::ReturnedToService => return None,
+            | EventKind::ReturnedToService
+            | EventKind::ConfigurationRemoved => return None,
         };
         Some(Self { at, action, alarm: event.alarm.clone() })
     }

@@ -177,6 +177,25 @@ impl Stated {
         }
     }
 
+    /// Takes up delays and levels of the same stream with other settings: those of channels, and those of limits that
+    /// are what they were.
+    pub(super) fn renew(&mut self, before: &Self) {
+        for channel in &mut self.channels {
+            let was = before.channels.iter().find(|was| was.name == channel.name);
+            was.into_iter().for_each(|was| channel.slot.tracker = was.slot.tracker);
+        }
+        for limit in &mut self.limits {
+            let is_it = |was: &&Limit| was.judge.is_same(&limit.judge);
+            if let Some(was) = before.limits.iter().find(is_it) {
+                limit.slot.tracker = was.slot.tracker;
+                limit.judge.resume(&was.judge.levels());
+            }
+        }
+        if self.startup == before.startup {
+            self.clock = StartupClock::running_since(before.clock.since_s());
+        }
+    }
+
     /// The limits and channels that are above their level, in words, with it.
     pub(super) fn raised(&self) -> Vec<(String, Level)> {
         let limits = self.limits.iter().filter(|limit| limit.judge.limit().raises);

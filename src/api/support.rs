@@ -247,7 +247,7 @@ impl Service {
             recording: None,
             simulation: Some(sample_simulation(behaviour)),
             ingest: None,
-            machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
+            id: "rig-1".to_owned(),
             view: receiver,
             submit: Arc::new(submit),
         };
@@ -429,6 +429,8 @@ fn ring_status(info: &ChannelInfo) -> RingStatus {
 pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
     let channels = channel_infos();
     MachineView {
+        machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
+        judged_by: "crc32:00000000".into(),
         source: SourceState::Running,
         stream_time_s: ring_status(&channels[0]).newest_time_s,
         start_time: Some(Timestamp(1_700_000_000_000_000_000)),

@@ -52,6 +52,10 @@ pub enum SourceState {
 /// Immutable snapshot of one machine.
 #[derive(Debug, Clone)]
 pub struct MachineView {
+    /// The machine as it is described now.
+    pub machine: Arc<Machine>,
+    /// Hash of the configuration by which the newest verdict was judged.
+    pub judged_by: Arc<str>,
     /// The source.
     pub source: SourceState,
     /// Stream time of the newest sample judged or received, s.
@@ -379,7 +383,7 @@ pub struct EventsHandle {
     /// Connections cut because their reader took nothing any more.
     pub stalled: Counter,
     /// Who is notified.
-    pub receivers: Arc<[ReceiverStatus]>,
+    pub receivers: watch::Receiver<Arc<[ReceiverStatus]>>,
 }
 
 impl std::fmt::Debug for EventsHandle {
@@ -405,14 +409,27 @@ impl std::fmt::Debug for TrendHandle {
     }
 }
 
+/// The configuration that holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationView {
+    /// Its hash.
+    pub hash: String,
+    /// Since when, UTC.
+    pub since: Timestamp,
+    /// What of the newest waits for a restart.
+    pub restart: Vec<String>,
+    /// When the newest was refused, and why; `None`: it was not.
+    pub rejected: Option<(Timestamp, Vec<String>)>,
+}
+
 /// Hands a request to a shard.
 pub type Submit = Arc<dyn Fn(ShardRequest) -> Result<(), ShardBusy> + Send + Sync>;
 
 /// One machine as the API sees it.
 #[derive(Clone)]
 pub struct MachineHandle {
-    /// The machine.
-    pub machine: Arc<Machine>,
+    /// Machine id.
+    pub id: String,
     /// Newest snapshot.
     pub view: watch::Receiver<Arc<MachineView>>,
     /// What is recorded; `None` if nothing is.
@@ -425,8 +442,16 @@ pub struct MachineHandle {
     pub submit: Submit,
 }
 
+impl MachineHandle {
+    /// The machine as it is described now.
+    #[must_use]
+    pub fn machine(&self) -> Arc<Machine> {
+        Arc::clone(&self.view.borrow().machine)
+    }
+}
+
 impl std::fmt::Debug for MachineHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MachineHandle").field("machine", &self.machine.id).finish_non_exhaustive()
+        f.debug_struct("MachineHandle").field("machine", &self.id).finish_non_exhaustive()
     }
 }

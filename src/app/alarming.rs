@@ -52,6 +52,11 @@ impl Alarming {
         self.keeper.clock().moment(stream_s)
     }
 
+    /// What follows is judged by the configuration with this hash.
+    pub(super) fn renew(&mut self, configuration: &str) {
+        self.keeper.renew(configuration);
+    }
+
     /// A block has come.
     pub(super) fn note_block(&mut self, arrived: Instant) {
         self.last_block = arrived;

@@ -10,8 +10,10 @@ use crate::alarms::AlarmEvent;
 use crate::notify::HealthChange;
 use crate::store::Archive;
 use crate::store::Batch;
+use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::StreamKey;
+use crate::store::events::ConfigurationChange;
 use crate::store::writer::Done;
 use crate::store::writer::Job;
 use crate::store::writer::MAX_WAITING;
@@ -93,6 +95,18 @@ impl Keeper {
             KeeperPlan { store, jobs: inbox, status: Arc::clone(&status), stored: told, metrics };
         let (clock, troubles) = (Clock::start(), Troubles::default());
         (Self { jobs, archive, status, stored, clock, troubles }, plan)
+    }
+}
+
+impl Keeper {
+    /// Has what became of a configuration stored; what finds no room is counted as lost.
+    pub fn tell(&self, configuration: Vec<ConfigurationChange>, holds: Option<ConfigurationEntry>) {
+        let n = configuration.len();
+        let now = self.clock.moment(0.0);
+        let batch = Batch { now, configuration, holds, ..Batch::new("", Vec::new()) };
+        if self.jobs.try_send(Job { batch, done: None }).is_err() {
+            self.status.count_lost(n);
+        }
     }
 }
 
@@ -191,6 +205,17 @@ impl MachineKeeper {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
+    /// What follows is judged by the configuration with this hash: after a restart with it, what is kept is taken up.
+    pub fn renew(&mut self, configuration: &str) {
+        let Some(before) = &mut self.stream.judged_by else { return };
+        let before = std::mem::replace(before, configuration.to_owned());
+        if let Some(identity) = &mut self.stream.identity
+            && let Some(stream) = identity.strip_suffix(&before)
+        {
+            *identity = format!("{stream}{configuration}");
+        }
+    }
+
     /// Sends events on their way; `done` is told when they are stored, or why not.
     pub fn keep(
         &mut self,
@@ -215,6 +240,8 @@ impl MachineKeeper {
             health,
             standing: self.send_standing.then(|| engine.standing()),
             // An engine that has judged nothing knows no more than what is kept.
+            configuration: Vec::new(),
+            holds: None,
             decisions: (self.stream.judged_by.is_some() && engine.judged_until_s().is_some())
                 .then(|| engine.decisions()),
         };

@@ -49,6 +49,8 @@ const NO_CAPTURES: &str =
 /// What is known of a machine before its first block.
 #[derive(Debug)]
 pub struct Opened {
+    /// Hash of the configuration.
+    pub configuration: Arc<str>,
     /// The monitor; `None` when the source cannot be opened.
     pub monitor: Option<Monitor>,
     /// How the source is doing.
@@ -74,14 +76,18 @@ pub struct Opened {
 /// The machine.
 #[derive(Debug)]
 pub struct Monitored {
-    machine: Arc<Machine>,
-    monitor: Option<Monitor>,
+    pub(super) machine: Arc<Machine>,
+    /// Hash of the configuration that holds.
+    pub(super) configuration: Arc<str>,
+    /// That by which the newest verdict was judged.
+    judged_by: Arc<str>,
+    pub(super) monitor: Option<Monitor>,
     /// The alarms when there is no monitor.
-    idle_alarms: AlarmEngine,
-    alarming: Alarming,
+    pub(super) idle_alarms: AlarmEngine,
+    pub(super) alarming: Alarming,
     health: HealthWatch,
     /// `None`: no captures are made.
-    capturing: Option<Capturing>,
+    pub(super) capturing: Option<Capturing>,
     source: SourceState,
     start_time: Option<Timestamp>,
     channels: Arc<Vec<ChannelInfo>>,
@@ -93,9 +99,9 @@ pub struct Monitored {
     /// Their way to the store.
     trending: Option<Trending>,
     /// What opens the stream of live senders.
-    opener: Option<Opener>,
+    pub(super) opener: Option<Opener>,
     /// The windows behind them.
-    seen: Seen,
+    pub(super) seen: Seen,
     losses: Arc<Losses>,
     publisher: watch::Sender<Arc<MachineView>>,
     meters: Meters,
@@ -115,12 +121,15 @@ impl Monitored {
         }
         let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
         let meters = Meters::new(metrics, &machine.id, &channels);
-        let (publisher, view) = watch::channel(Arc::new(empty_view()));
+        let empty = empty_view(&machine, &opened.configuration);
+        let (publisher, view) = watch::channel(Arc::new(empty));
         let transitions = meters.machine.alarm_transitions.clone();
         let load = metrics.alarm_load(&machine.id);
         let alarming = Alarming::new(&machine.id, opened.keeper, opened.is_live, transitions, load);
         let mut monitored = Self {
             machine,
+            judged_by: Arc::clone(&opened.configuration),
+            configuration: opened.configuration,
             monitor: opened.monitor,
             idle_alarms: opened.alarms,
             alarming,
@@ -162,6 +171,7 @@ impl Monitored {
                 }
             }
             Input::Open(info) => self.open(&info, queue_bytes),
+            Input::Renew(renewed) => self.renew(&renewed, queue_bytes),
             Input::Source(state) => {
                 self.note_source(state);
                 if self.source == SourceState::Finished {
@@ -301,7 +311,7 @@ impl Monitored {
         self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms)
     }
 
-    fn keep(&mut self, events: Vec<AlarmEvent>, health: Vec<HealthChange>) {
+    pub(super) fn keep(&mut self, events: Vec<AlarmEvent>, health: Vec<HealthChange>) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         self.alarming.keep(engine, events, health, stream_s);
@@ -325,6 +335,8 @@ impl Monitored {
         let stream_time_s = newest_time_s(&rings);
         let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
         self.publisher.send_replace(Arc::new(MachineView {
+            machine: Arc::clone(&self.machine),
+            judged_by: Arc::clone(&self.judged_by),
             source: self.source.clone(),
             stream_time_s,
             start_time: self.start_time,
@@ -395,6 +407,7 @@ impl Monitored {
             }
             let health = self.health.observe(&outcome.diagnosis, end_s);
             self.diagnosis = Some(outcome.diagnosis);
+            self.judged_by = Arc::clone(&self.configuration);
             self.features = Arc::new(outcome.features);
             self.capture(&outcome.alarm_events, end_s);
             self.keep(outcome.alarm_events, health);
@@ -431,7 +444,7 @@ impl Monitored {
         self.source = state;
     }
 
-    fn stream_time_s(&self) -> f64 {
+    pub(super) fn stream_time_s(&self) -> f64 {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
         let is_empty = rings.iter().all(|ring| ring.received == 0);
         match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
@@ -469,8 +482,10 @@ fn since(old: Option<&Diagnosis>, old_since_s: &[f64], new: &Diagnosis, now_s: f
     component_since.chain([whole.unwrap_or(now_s)]).collect()
 }
 
-fn empty_view() -> MachineView {
+fn empty_view(machine: &Arc<Machine>, configuration: &Arc<str>) -> MachineView {
     MachineView {
+        machine: Arc::clone(machine),
+        judged_by: Arc::clone(configuration),
         source: SourceState::Starting,
         stream_time_s: 0.0,
         start_time: None,

@@ -77,7 +77,7 @@ fn a_transition_that_is_stored_again_has_no_second_place() {
         .iter()
         .map(|entry| match &entry.what {
             Happened::Alarm(event) => event.sequence,
-            Happened::Health(_) => 0,
+            Happened::Health(_) | Happened::Configuration(_) => 0,
         })
         .collect();
     assert_eq!(sequences, [1, 2]);

@@ -29,6 +29,7 @@ use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed::Signed;
 use crate::notify::HealthChange;
 use crate::signal::Timestamp;
+use events::ConfigurationChange;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -48,7 +49,7 @@ pub struct StreamKey {
 /// What happened to the alarms of a machine at once: stored as a whole or not at all.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
-    /// Machine id.
+    /// Machine id; empty: it concerns the daemon as a whole.
     pub machine: String,
     /// Its stream.
     pub stream: StreamKey,
@@ -64,6 +65,10 @@ pub struct Batch {
     pub standing: Option<Vec<Alarm>>,
     /// Delays and hysteresis as they are at `judged_until_s`.
     pub decisions: Option<Decisions>,
+    /// What became of a configuration.
+    pub configuration: Vec<ConfigurationChange>,
+    /// The configuration that holds from now on.
+    pub holds: Option<ConfigurationEntry>,
 }
 
 impl Batch {
@@ -79,13 +84,15 @@ impl Batch {
             health: Vec::new(),
             standing: None,
             decisions: None,
+            configuration: Vec::new(),
+            holds: None,
         }
     }
 
     /// Things that happened.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.events.len() + self.health.len()
+        self.events.len() + self.health.len() + self.configuration.len()
     }
 
     /// Whether nothing happened.
@@ -209,6 +216,13 @@ pub trait BaselineStore: Send + Sync {
     /// # Errors
     /// When it cannot be stored, also if its id is there already; nothing has changed then.
     fn learn(&self, signed: &Signed, replaced: &[Arc<str>]) -> Result<(), StoreError>;
+
+    /// Uses no baseline of a machine any more, because what was measured means something else now; they can be activated
+    /// again. Gives their ids.
+    ///
+    /// # Errors
+    /// When that cannot be stored; nothing has changed then.
+    fn retire(&self, machine: &str, act: &Act<'_>) -> Result<Vec<String>, StoreError>;
 
     /// Uses a baseline of (machine, id) instead of those in `replaced`; false: there is none.
     ///

@@ -232,7 +232,7 @@ fn named<T>(
 pub(super) fn known<T>(
     what: &'static str,
     found: String,
-    read: fn(&str) -> Option<T>,
+    read: impl Fn(&str) -> Option<T>,
 ) -> Result<T, StoreError> {
     read(&found).ok_or(StoreError::Unknown { what, found })
 }

@@ -95,6 +95,9 @@ const MIGRATIONS: &[&str] = &[
     "CREATE TABLE decision (
         machine TEXT PRIMARY KEY, judged_by TEXT NOT NULL, numbers BLOB NOT NULL, words TEXT NOT NULL)
         WITHOUT ROWID;",
+    // 7: the log of events tells of configurations, of kind 'configuration': the component is the hash, the state what
+    // became of it, and no machine is the daemon as a whole.
+    "UPDATE event_log SET removed_until = removed_until;",
 ];
 
 /// The newest schema.

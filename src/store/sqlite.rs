@@ -221,7 +221,14 @@ impl SqliteStore {
             n_new += write_events(&transaction, batch)?;
             let of = (batch.machine.as_str(), batch.stream.start, batch.now.utc);
             events::write_health(&transaction, of, &batch.health)?;
-            n_new += batch.health.len() as u64;
+            events::write_configuration(&transaction, batch.now.utc, &batch.configuration)?;
+            if let Some(entry) = &batch.holds {
+                write_holds(&transaction, entry)?;
+            }
+            n_new += (batch.health.len() + batch.configuration.len()) as u64;
+            if batch.machine.is_empty() {
+                continue;
+            }
             if let Some(standing) = &batch.standing {
                 transaction.execute("DELETE FROM alarm WHERE machine = ?1", [&batch.machine])?;
                 for alarm in standing {
@@ -334,19 +341,25 @@ fn write_stream(transaction: &Transaction<'_>, batch: &Batch) -> rusqlite::Resul
     Ok(())
 }
 
+/// Notes the configuration that holds, unless it is the newest already.
+fn write_holds(connection: &Connection, entry: &ConfigurationEntry) -> rusqlite::Result<()> {
+    let done = connection.execute(
+        "INSERT INTO configuration (hash, version, since_utc) SELECT ?1, ?2, ?3 WHERE NOT EXISTS (
+            SELECT 1 FROM (SELECT hash, version FROM configuration ORDER BY id DESC LIMIT 1)
+            WHERE hash = ?1 AND version = ?2)",
+        params![entry.hash, entry.version, entry.since.0],
+    );
+    done.map(drop)
+}
+
 impl StateStore for SqliteStore {
     fn keep(&mut self, batches: &[Batch]) -> Result<(), StoreError> {
         self.write(batches).map_err(|source| failed("storing alarms", source))
     }
 
     fn note_configuration(&mut self, entry: &ConfigurationEntry) -> Result<(), StoreError> {
-        let done = self.connection.execute(
-            "INSERT INTO configuration (hash, version, since_utc) SELECT ?1, ?2, ?3 WHERE NOT EXISTS (
-                SELECT 1 FROM (SELECT hash, version FROM configuration ORDER BY id DESC LIMIT 1)
-                WHERE hash = ?1 AND version = ?2)",
-            params![entry.hash, entry.version, entry.since.0],
-        );
-        done.map(drop).map_err(|source| failed("storing the configuration's hash", source))
+        write_holds(&self.connection, entry)
+            .map_err(|source| failed("storing the configuration's hash", source))
     }
 }
 

@@ -17,14 +17,14 @@ use tempfile::TempDir;
 
 /// An event of a stream.
 #[derive(Debug, Clone, PartialEq)]
-struct Event {
-    id: u64,
-    name: String,
-    data: Value,
+pub(crate) struct Event {
+    pub(crate) id: u64,
+    pub(crate) name: String,
+    pub(crate) data: Value,
 }
 
 /// Reads events of a stream until `enough`, or its end.
-fn events(
+pub(crate) fn events(
     daemon: &Daemon,
     query: &str,
     last: Option<u64>,

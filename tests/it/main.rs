@@ -17,6 +17,7 @@ mod mqtt;
 mod neighbours;
 mod notify;
 mod event_stream;
+mod reload;
 mod foreign;
 mod rubbish;
 mod recordings;

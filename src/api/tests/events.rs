@@ -27,7 +27,7 @@ pub(super) fn handle(directory: &Path) -> (EventsHandle, watch::Sender<u64>) {
         open: Gauge::default(),
         refused: Counter::default(),
         stalled: Counter::default(),
-        receivers: Arc::new([]),
+        receivers: watch::channel(Arc::from([])).1,
     };
     (handle, told)
 }

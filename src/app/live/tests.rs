@@ -16,6 +16,7 @@ use crate::app::stop::Stop;
 use crate::app::tests::machine;
 use crate::app::trouble::Troubles;
 use crate::config::Config;
+use crate::config::FileText;
 use crate::config::Ingest;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
@@ -60,6 +61,7 @@ fn running(queue_bytes: usize, ingest: Ingest) -> Running {
     let metrics = Arc::new(Metrics::new());
     let entry = MachineConfig {
         file: PathBuf::new(),
+        text: FileText::default(),
         machine: machine("rig-1"),
         baseline: Vec::new(),
         source: SourceConfig::Tcp,

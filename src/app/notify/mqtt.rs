@@ -71,6 +71,15 @@ pub(super) struct Publisher {
     clock: Clock,
 }
 
+/// How a broker is reached.
+pub(super) fn transport(settings: &Broker) -> Result<Transport, ClientError> {
+    if !settings.tls {
+        return Ok(Transport::tcp());
+    }
+    let tls = client::tls(settings.ca_file.as_deref())?;
+    Ok(Transport::tls_with_config(TlsConfiguration::Rustls(tls)))
+}
+
 impl Publisher {
     pub(super) fn new(
         settings: Broker,
@@ -78,12 +87,7 @@ impl Publisher {
         stored: watch::Receiver<u64>,
         clock: Clock,
     ) -> Result<Self, ClientError> {
-        let transport = if settings.tls {
-            let tls = client::tls(settings.ca_file.as_deref())?;
-            Transport::tls_with_config(TlsConfiguration::Rustls(tls))
-        } else {
-            Transport::tcp()
-        };
+        let transport = transport(&settings)?;
         let topics = Topics::new(&settings.prefix);
         Ok(Self { settings, transport, topics, follower, stored, clock })
     }

@@ -246,14 +246,11 @@ fn live(machine: &Arc<Machine>, settings: &Settings, n: usize, with_acts: bool) 
         raised.extend(events.iter().cloned());
         state
             .keep(&[Batch {
-                machine: "m".to_owned(),
                 stream: key(START),
                 now,
                 judged_until_s: engine.judged_until_s(),
-                events,
-                health: Vec::new(),
-                standing: None,
                 decisions: Some(engine.decisions()),
+                ..Batch::new("m", events)
             }])
             .unwrap();
     }
