@@ -212,6 +212,26 @@ impl EventKind {
         }
     }
 
+    /// What the begin of a silence is in the history.
+    #[must_use]
+    pub fn begin_of(silence: Silence) -> Self {
+        match silence {
+            Silence::Shelved => Self::Shelved,
+            Silence::Suppressed => Self::Suppressed,
+            Silence::OutOfService => Self::RemovedFromService,
+        }
+    }
+
+    /// What the end of a silence is in the history.
+    #[must_use]
+    pub fn end_of(silence: Silence) -> Self {
+        match silence {
+            Silence::Shelved => Self::Unshelved,
+            Silence::Suppressed => Self::Unsuppressed,
+            Silence::OutOfService => Self::ReturnedToService,
+        }
+    }
+
     /// What an operator's action is in the history.
     #[must_use]
     pub fn of(action: Action) -> Self {

@@ -13,6 +13,7 @@ pub mod limit;
 mod slot;
 mod stated;
 mod decisions;
+mod advance;
 mod renewal;
 pub mod load;
 pub mod past;
@@ -22,6 +23,10 @@ pub use action::Action;
 pub use action::ActionError;
 pub use action::MAX_TEXT_CHARS;
 pub use action::Moment;
+pub use advance::Advance;
+pub use advance::AdvanceError;
+pub use advance::Announcement;
+pub use advance::Subject;
 pub use alarm::Acknowledgement;
 pub use alarm::Alarm;
 pub use alarm::AlarmEvent;
@@ -80,6 +85,10 @@ pub struct Kept {
     pub judged_until_s: Option<f64>,
     /// Delays and hysteresis as they were then; `None`: they begin anew.
     pub decisions: Option<Decisions>,
+    /// Silences in advance that hold.
+    pub advance: Vec<Advance>,
+    /// Highest number of one so far.
+    pub last_advance: u64,
 }
 
 /// The alarms of one machine.
@@ -94,6 +103,9 @@ pub struct AlarmEngine {
     stream: Slot,
     /// The store does not take what it is given.
     store: Slot,
+    /// Silences in advance, oldest first.
+    advance: Vec<Advance>,
+    last_advance: u64,
     /// Stream time of the newest verdict.
     last_verdict_s: Option<f64>,
     judged_until_s: f64,
@@ -113,6 +125,8 @@ impl AlarmEngine {
             stated: Stated::default(),
             stream: Slot::default(),
             store: Slot::default(),
+            advance: Vec::new(),
+            last_advance: 0,
             last_verdict_s: None,
             judged_until_s: f64::NEG_INFINITY,
             next_id: 1,
@@ -138,6 +152,7 @@ impl AlarmEngine {
         self.judged_until_s = kept.judged_until_s.unwrap_or(f64::NEG_INFINITY);
         self.history = kept.history.into();
         self.bound_history();
+        self.take_over_advance(kept.advance, kept.last_advance);
         let ended = self.take_over(kept.alarms, now.stream_s);
         if let Some(decisions) = &kept.decisions {
             self.go_on(decisions, kept.judged_until_s.is_some());
@@ -233,7 +248,8 @@ impl AlarmEngine {
         flow: DataFlow<'_>,
         store_failure: Option<&str>,
     ) -> Vec<AlarmEvent> {
-        let mut events = self.end_shelvings(now);
+        self.end_advance(now);
+        let mut events = self.end_silences(now);
         let silent = match flow {
             DataFlow::Flowing | DataFlow::Unknown => None,
             DataFlow::SilentFor(for_s) if for_s < self.settings.missing_after_s => None,
@@ -274,23 +290,21 @@ impl AlarmEngine {
         events
     }
 
-    fn end_shelvings(&mut self, now: Moment) -> Vec<AlarmEvent> {
+    fn end_silences(&mut self, now: Moment) -> Vec<AlarmEvent> {
         let mut ended = Vec::new();
         for slot in self.alarms_mut() {
             let Some(alarm) = slot else { continue };
-            let until = alarm.silencing.as_ref().and_then(|silencing| silencing.until);
+            let Some(silencing) = &alarm.silencing else { continue };
+            let (silence, until) = (silencing.silence, silencing.until);
             if until.is_none_or(|until| now.monotonic_s < until.monotonic_s) {
                 continue;
             }
-            let Ok(after) =
-                alarm.position().after(AlarmInput::EndOf(Silence::Shelved), alarm.latching)
-            else {
-                continue;
-            };
+            let input = AlarmInput::EndOf(silence);
+            let Ok(after) = alarm.position().after(input, alarm.latching) else { continue };
             alarm.state = after.life;
             alarm.silencing = None;
             alarm.changed_at_s = now.stream_s;
-            ended.push((EventKind::Unshelved, alarm.clone()));
+            ended.push((EventKind::end_of(silence), alarm.clone()));
             if after.is_over() {
                 *slot = None;
             }
@@ -382,6 +396,12 @@ impl AlarmEngine {
         self.next_sequence - 1
     }
 
+    /// Highest number of a silence in advance so far; 0: none was said.
+    #[must_use]
+    pub fn last_advance(&self) -> u64 {
+        self.last_advance
+    }
+
     /// Policy.
     #[must_use]
     pub fn settings(&self) -> &Settings {
@@ -400,7 +420,8 @@ impl AlarmEngine {
         self.next_sequence - 1 - self.history.len() as u64
     }
 
-    fn record_all(&mut self, moved: Vec<(EventKind, Alarm)>, time_s: f64) -> Vec<AlarmEvent> {
+    fn record_all(&mut self, mut moved: Vec<(EventKind, Alarm)>, time_s: f64) -> Vec<AlarmEvent> {
+        self.silence_raised(&mut moved);
         moved.into_iter().map(|(kind, alarm)| self.record(kind, time_s, None, alarm)).collect()
     }
 

@@ -365,6 +365,7 @@ impl Rerun {
             last_sequence: before.last_sequence(),
             judged_until_s: None,
             decisions: Some(before.decisions()),
+            ..Kept::default()
         };
         let now = Moment { stream_s: now_s, monotonic_s: 0.0, utc: stream.utc(now_s) };
         self.engine.restore(kept, now)

@@ -28,6 +28,7 @@ impl AlarmEngine {
         next.last_verdict_s = self.last_verdict_s;
         next.history = self.history.clone();
         next.bound_history();
+        next.take_over_advance(self.advance.clone(), self.last_advance);
         let ended = next.take_over(self.standing(), now.stream_s);
         for (key, slot) in &self.components {
             if next.stated.has(key.0, &key.1) {

@@ -99,6 +99,16 @@ impl Stated {
         components.is_none_or(|known| known.contains(&(kind, id.to_owned())))
     }
 
+    /// Whether the machine file has a limit that raises alarms.
+    pub(super) fn has_limit(&self, id: &str) -> bool {
+        self.limits.iter().any(|one| one.judge.limit().id == id && one.judge.limit().raises)
+    }
+
+    /// Whether a sensor of the machine file has this channel.
+    pub(super) fn has_channel(&self, name: &str) -> bool {
+        self.channels.iter().any(|channel| channel.name == name)
+    }
+
     /// Puts an alarm of before a restart in its place; gives it back if there is none any more.
     pub(super) fn restore(&mut self, slot: Slot) -> Option<Slot> {
         let Some(alarm) = &slot.alarm else { return None };

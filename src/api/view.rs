@@ -5,8 +5,11 @@
 
 use crate::alarms::Act;
 use crate::alarms::ActionError;
+use crate::alarms::Advance;
+use crate::alarms::AdvanceError;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Announcement;
 use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
 use crate::diagnosis::baseline::Record;
@@ -75,6 +78,8 @@ pub struct MachineView {
     pub features: Arc<Vec<ChannelFeatures>>,
     /// All alarms that are not over, newest first.
     pub alarms: Arc<Vec<Alarm>>,
+    /// Silences in advance, oldest first.
+    pub advance: Arc<[Advance]>,
     /// What they ask of an operator.
     pub alarm_load: Load,
     /// Blocks waiting in the shard's queue, bytes.
@@ -134,6 +139,22 @@ pub enum ShardRequest {
         act: Act,
         /// The alarm after the act once that is stored, or why not.
         reply: oneshot::Sender<Result<Alarm, ActFailure>>,
+    },
+    /// An operator says a silence in advance.
+    Announce {
+        /// What.
+        wanted: Announcement,
+        /// It, once that is stored, or why not.
+        reply: oneshot::Sender<Result<Advance, AdvanceFailure>>,
+    },
+    /// An operator ends a silence that was said in advance.
+    Revoke {
+        /// Its number.
+        number: u64,
+        /// Who, and why.
+        by: (String, String),
+        /// It, once that is stored, or why not.
+        reply: oneshot::Sender<Result<Advance, AdvanceFailure>>,
     },
     /// The alarm events held in memory.
     AlarmHistory {
@@ -229,6 +250,17 @@ pub enum ActFailure {
     /// It was refused; nothing has changed.
     #[error(transparent)]
     Refused(#[from] ActionError),
+    /// It is in effect, but would be lost if the program ended now; the reason.
+    #[error("the act is in effect but not stored yet: {0}")]
+    NotStored(String),
+}
+
+/// Why a silence in advance is not answered with itself.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AdvanceFailure {
+    /// It was refused; nothing has changed.
+    #[error(transparent)]
+    Refused(#[from] AdvanceError),
     /// It is in effect, but would be lost if the program ended now; the reason.
     #[error("the act is in effect but not stored yet: {0}")]
     NotStored(String),

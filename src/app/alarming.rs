@@ -24,7 +24,7 @@ use tokio::sync::oneshot;
 #[derive(Debug)]
 pub(super) struct Alarming {
     machine: String,
-    keeper: MachineKeeper,
+    pub(super) keeper: MachineKeeper,
     /// Whether silence of the source is a fault: a replay may wait for its next segment.
     is_live: bool,
     last_block: Instant,
@@ -165,7 +165,7 @@ impl Alarming {
         load
     }
 
-    fn note(&self, events: &[AlarmEvent]) {
+    pub(super) fn note(&self, events: &[AlarmEvent]) {
         self.transitions.inc_by(events.len() as u64);
         for event in events {
             tracing::warn!(

@@ -7,6 +7,7 @@ use super::Clock;
 use super::trouble::Troubles;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Signature;
 use crate::notify::HealthChange;
 use crate::store::Archive;
 use crate::store::Batch;
@@ -158,6 +159,10 @@ pub struct MachineKeeper {
     tells_store: bool,
     /// Send all standing alarms: events were lost.
     send_standing: bool,
+    /// Send all silences in advance: they changed.
+    send_advance: bool,
+    /// Acts that go with the next batch.
+    acts: Vec<(&'static str, Signature)>,
     /// Transitions that are not stored yet, oldest first: what falls out of the engine's history before it is
     /// stored shall still be shown. As many as may wait for the store.
     unstored: VecDeque<AlarmEvent>,
@@ -179,6 +184,8 @@ impl MachineKeeper {
             stream,
             tells_store,
             send_standing: false,
+            send_advance: false,
+            acts: Vec::new(),
             unstored: VecDeque::new(),
             n_lost_seen: 0,
             decisions_at,
@@ -225,7 +232,11 @@ impl MachineKeeper {
         done: Option<Done>,
     ) {
         let is_news = !events.is_empty() || !health.is_empty() || done.is_some();
-        if !is_news && !self.send_standing && !self.has_decisions_to_keep(engine) {
+        if !is_news
+            && !self.send_standing
+            && !self.send_advance
+            && !self.has_decisions_to_keep(engine)
+        {
             return;
         }
         let n_events = events.len() + health.len();
@@ -242,20 +253,30 @@ impl MachineKeeper {
             // An engine that has judged nothing knows no more than what is kept.
             configuration: Vec::new(),
             holds: None,
+            advance: (self.send_standing || self.send_advance)
+                .then(|| (engine.advance().to_vec(), engine.last_advance())),
+            acts: std::mem::take(&mut self.acts),
             decisions: (self.stream.judged_by.is_some() && engine.judged_until_s().is_some())
                 .then(|| engine.decisions()),
         };
         self.decisions_at = (super::now(), batch.judged_until_s);
         match self.keeper.jobs.try_send(Job { batch, done }) {
-            Ok(()) => self.send_standing = false,
+            Ok(()) => (self.send_standing, self.send_advance) = (false, false),
             Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) => {
                 self.keeper.status.count_lost(n_events);
                 self.send_standing = true;
+                self.acts = job.batch.acts;
                 if let Some(done) = job.done {
                     done(Err("the store does not keep up".to_owned()));
                 }
             }
         }
+    }
+
+    /// Silences in advance changed by this act: they go with the next batch.
+    pub fn note_advance(&mut self, act: &'static str, by: Signature) {
+        self.send_advance = true;
+        self.acts.push((act, by));
     }
 
     /// The transitions before number `before` that may not be in the store yet, oldest first and without a hole up

@@ -24,6 +24,7 @@ mod learning;
 mod metering;
 pub mod monitored;
 mod renewal;
+mod silencing;
 mod reload;
 pub mod shard;
 pub mod outlet;

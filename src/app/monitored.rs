@@ -258,6 +258,14 @@ impl Monitored {
                 self.alarming.act(engine, &act, stream_s, publish, reply);
                 self.publish(queue_bytes);
             }
+            ShardRequest::Announce { wanted, reply } => {
+                self.announce(&wanted, reply);
+                self.publish(queue_bytes);
+            }
+            ShardRequest::Revoke { number, by, reply } => {
+                self.revoke(number, by, reply);
+                self.publish(queue_bytes);
+            }
             ShardRequest::Capture { author, comment, before_s, after_s, reply } => {
                 let (time_s, diagnosis) = (self.stream_time_s(), self.diagnosis.as_deref());
                 let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
@@ -346,6 +354,7 @@ impl Monitored {
             state_since_s: self.state_since_s.clone(),
             features: Arc::clone(&self.features),
             alarms: Arc::new(alarms),
+            advance: self.alarms().advance().into(),
             alarm_load,
             queue_bytes,
             dropped,
@@ -457,7 +466,10 @@ impl Monitored {
 
 /// The alarms of a machine, with or without a monitor; apart from `self`, so that what uses them may be
 /// borrowed beside them.
-fn engine<'m>(monitor: &'m mut Option<Monitor>, idle: &'m mut AlarmEngine) -> &'m mut AlarmEngine {
+pub(super) fn engine<'m>(
+    monitor: &'m mut Option<Monitor>,
+    idle: &'m mut AlarmEngine,
+) -> &'m mut AlarmEngine {
     match monitor {
         Some(monitor) => monitor.alarms_mut(),
         None => idle,
@@ -495,6 +507,7 @@ fn empty_view(machine: &Arc<Machine>, configuration: &Arc<str>) -> MachineView {
         state_since_s: Vec::new(),
         features: Arc::default(),
         alarms: Arc::default(),
+        advance: Arc::new([]),
         alarm_load: Load::default(),
         queue_bytes: 0,
         dropped: (0, 0),

@@ -4,6 +4,7 @@
 //! that knows which database stands behind them. [`writer`] groups what comes into commits and keeps
 //! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
 
+mod advance;
 pub mod audit;
 mod baselines;
 mod decisions;
@@ -20,11 +21,13 @@ pub mod trends;
 pub use baselines::SqliteBaselines;
 pub use keep::{KeepError, keep, take_away, use_again};
 
+use crate::alarms::Advance;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Decisions;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
+use crate::alarms::Signature;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed::Signed;
 use crate::notify::HealthChange;
@@ -65,6 +68,10 @@ pub struct Batch {
     pub standing: Option<Vec<Alarm>>,
     /// Delays and hysteresis as they are at `judged_until_s`.
     pub decisions: Option<Decisions>,
+    /// All silences in advance that hold and the highest number so far, if they changed.
+    pub advance: Option<(Vec<Advance>, u64)>,
+    /// What was done beside alarms, by whom: lines of the audit.
+    pub acts: Vec<(&'static str, Signature)>,
     /// What became of a configuration.
     pub configuration: Vec<ConfigurationChange>,
     /// The configuration that holds from now on.
@@ -84,6 +91,8 @@ impl Batch {
             health: Vec::new(),
             standing: None,
             decisions: None,
+            advance: None,
+            acts: Vec::new(),
             configuration: Vec::new(),
             holds: None,
         }

@@ -11,6 +11,7 @@ use super::EventQuery;
 use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
+use super::advance;
 use super::decisions;
 use super::events;
 use super::rows;
@@ -236,6 +237,7 @@ impl SqliteStore {
                 }
             }
             write_stream(&transaction, batch)?;
+            advance::write(&transaction, batch)?;
             decisions::write(&transaction, batch)?;
         }
         let look = self.n_since_look + n_new >= LOOK_EVERY;
@@ -445,7 +447,10 @@ impl Archive for SqliteArchive {
         };
         let mut history = read_events(&connection, &query, now)?;
         history.reverse();
+        let (advance, last_advance) = advance::read(&connection, machine, now)?;
         Ok(Kept {
+            advance,
+            last_advance,
             alarms,
             history,
             last_id: u64::try_from(last_id).unwrap_or(0),

@@ -19,6 +19,7 @@ mod neighbours;
 mod notify;
 mod event_stream;
 mod reload;
+mod silences;
 mod foreign;
 mod rubbish;
 mod recordings;

@@ -35,14 +35,14 @@ loop = true
 speed = 50
 "#;
 
-fn limit(warning_above: f64) -> String {
+pub(crate) fn limit(warning_above: f64) -> String {
     format!(
         "{MACHINE}[[limits.alarm]]\nid = \"level\"\nkind = \"feature\"\nfeature = \"rms\"\noff_delay_s = 0\n\
          warning_above = {warning_above:?}\n"
     )
 }
 
-fn start() -> Daemon {
+pub(crate) fn start() -> Daemon {
     let other = MACHINE.replace("rig-1", "rig-2");
     let machine = limit(5.0);
     let files = [("rig.toml", machine.as_bytes()), ("other.toml", other.as_bytes())];
@@ -62,7 +62,7 @@ fn hash(daemon: &Daemon) -> String {
 }
 
 /// Writes a file, asks for the configuration to be read, and waits for another hash.
-fn change(daemon: &Daemon, name: &str, text: &str) {
+pub(crate) fn change(daemon: &Daemon, name: &str, text: &str) {
     let before = hash(daemon);
     write(daemon, name, text);
     daemon.signal("HUP");
@@ -70,7 +70,7 @@ fn change(daemon: &Daemon, name: &str, text: &str) {
 }
 
 /// The limit's alarm, if it stands.
-fn alarm(daemon: &Daemon) -> Option<Value> {
+pub(crate) fn alarm(daemon: &Daemon) -> Option<Value> {
     let (_, list) = daemon.get_json("/api/v1/alarms?machine=rig-1");
     list["items"].as_array().unwrap().iter().find(|item| item["limit"] == "level").cloned()
 }

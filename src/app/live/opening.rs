@@ -105,6 +105,8 @@ impl Opener {
             last_sequence: alarms.last_sequence(),
             judged_until_s: None,
             decisions: self.kept.take().or_else(|| Some(alarms.decisions())),
+            advance: alarms.advance().to_vec(),
+            last_advance: alarms.last_advance(),
         };
         let alarm_events = monitor.alarms_mut().restore(kept, now);
         if let Some(capturer) = &self.capturer {

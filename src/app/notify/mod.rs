@@ -262,8 +262,8 @@ impl Notifier {
     /// # Errors
     /// Which cannot, and why.
     pub(super) fn check(&self, settings: &Settings) -> Result<(), StartError> {
-        let new = receivers(settings).filter(|receiver| !self.runs(receiver));
-        new.map(|receiver| receiver.check()).collect()
+        let mut new = receivers(settings).filter(|receiver| !self.runs(receiver));
+        new.try_for_each(|receiver| receiver.check())
     }
 
     fn runs(&self, receiver: &Receiver) -> bool {
