@@ -26,24 +26,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     #[expect(clippy::disallowed_methods, reason = "the clock of a sender")]
     let start_ns = i64::try_from(SystemTime::now().duration_since(UNIX_EPOCH)?.as_nanos())?;
-    let channel = Channel {
-        name: channel.clone(),
-        rate_hz: f64::from(RATE_HZ),
-        sample_type: SampleType::F32,
-        scale: 1.0,
-        offset: 0.0,
-        zero: 0.0,
-        range: None,
-        unit: "m/s^2".to_owned(),
-    };
-    let hello = Hello {
-        machine: machine.clone(),
-        token: String::new(),
-        epoch: start_ns.cast_unsigned(),
-        shaft_speed_hz: None,
-        load: None,
-        channels: vec![channel],
-    };
+    let channel = Channel::new(channel, f64::from(RATE_HZ), SampleType::F32, "m/s^2");
+    let hello = Hello::new(machine, start_ns.cast_unsigned(), vec![channel]);
     let mut stream = TcpStream::connect(address)?;
     let mut frames = Frames::default();
     say(&mut stream, &Message::Hello(hello))?;

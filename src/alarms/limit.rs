@@ -56,6 +56,8 @@ enum Recipe {
 /// One channel of a limit.
 #[derive(Debug, Clone)]
 struct Member {
+    /// Its place among the limit's sensors.
+    place: usize,
     channel: ChannelIndex,
     name: String,
     /// Where its features stood in the window before: they stand there again.
@@ -70,6 +72,8 @@ pub struct LimitJudge {
     limit: AlarmLimit,
     recipe: Recipe,
     members: Vec<Member>,
+    /// Levels of all its sensors, with those that have no channel in this stream: they had one in another.
+    levels: Vec<Option<Level>>,
     place: (ComponentKind, String),
 }
 
@@ -86,10 +90,11 @@ impl LimitJudge {
     /// Prepares a limit of `machine` for a stream of `channels`; a sensor without a channel takes no part.
     #[must_use]
     pub fn new(machine: &Machine, limit: &AlarmLimit, channels: &[ChannelInfo]) -> Self {
-        let members = limit.sensors.iter().filter_map(|place| {
-            let name = &machine.sensors.get(*place)?.channel;
+        let members = limit.sensors.iter().enumerate().filter_map(|(place, sensor)| {
+            let name = &machine.sensors.get(*sensor)?.channel;
             let channel = channels.iter().position(|channel| channel.name == *name)?;
             Some(Member {
+                place,
                 channel: ChannelIndex(channel),
                 name: name.clone(),
                 hints: [0; 2],
@@ -100,24 +105,32 @@ impl LimitJudge {
         Self {
             recipe: recipe(machine, &limit.quantity),
             members: members.collect(),
+            levels: vec![None; limit.sensors.len()],
             place: place(machine, limit),
             limit: limit.clone(),
         }
     }
 
-    /// The levels of its channels, which hysteresis holds.
+    /// The levels of its sensors, which hysteresis holds, in the order of the machine file: whatever channels a stream has.
     #[must_use]
     pub fn levels(&self) -> Vec<Option<Level>> {
-        self.members.iter().map(|member| member.level).collect()
+        let mut levels = self.levels.clone();
+        for member in &self.members {
+            levels[member.place] = member.level;
+        }
+        levels
     }
 
     /// Goes on with levels that [`Self::levels`] gave; false: they are of another limit.
     pub fn resume(&mut self, levels: &[Option<Level>]) -> bool {
-        let fits = levels.len() == self.members.len();
-        for (member, level) in self.members.iter_mut().zip(levels).filter(|_| fits) {
-            member.level = *level;
+        if levels.len() != self.levels.len() {
+            return false;
         }
-        fits
+        self.levels = levels.to_vec();
+        for member in &mut self.members {
+            member.level = levels[member.place];
+        }
+        true
     }
 
     /// Whether another judges the same limit in the same channels.

@@ -1,5 +1,6 @@
 //! Limits: thresholds, hysteresis, votes, speeds, start-up, and their alarms.
 
+use super::limit::LimitJudge;
 use super::limit::Measured;
 use super::limit::level;
 use super::limit::vote;
@@ -387,6 +388,48 @@ fn a_channel_that_stays_away_is_an_alarm_and_its_coming_back_proves_nothing_else
     assert_eq!(missing.source, AlarmSource::Data);
     assert_eq!(velocity(&[5.0, 1.0]).to(&mut engine, 40.0), [EventKind::Returned]);
     assert_eq!(stands(&engine), D, "the limit's alarm still stands");
+}
+
+#[test]
+fn a_level_belongs_to_its_sensor_whatever_channels_a_stream_has() {
+    let machine = machine(
+        "[[limits.alarm]]\nid = 'v'\nkind = 'velocity_rms'\nchannels = ['x', 'y', 'z']\nwarning_above = 10.0\ndamaged_above = 20.0\n\
+         hysteresis_percent = 10\n",
+    );
+    let of = |names: [&str; 2]| {
+        let channels: Vec<ChannelInfo> = names
+            .iter()
+            .flat_map(|n| channels().into_iter().filter(move |c| c.name == **n))
+            .collect();
+        LimitJudge::new(&machine, &machine.alarm_limits.limits[0], &channels)
+    };
+    let observe = |judge: &mut LimitJudge, values: [f64; 2]| {
+        let value = |(i, v): (usize, f64)| ChannelFeatures {
+            channel: ChannelIndex(i),
+            sample_range: (0, 1),
+            values: vec![feature("velocity_rms_10_1000_hz", v, Unit::MillimetrePerSecond)],
+        };
+        let channels: Vec<ChannelFeatures> = values.into_iter().enumerate().map(value).collect();
+        let measured = Measured {
+            operating: OperatingState::Running,
+            speed: Some(Hz(10.0)),
+            channels: &channels,
+            baseline: &Baseline::default(),
+        };
+        judge.observe(&measured, false, &[])
+    };
+    let mut first = of(["x", "y"]);
+    assert_eq!(observe(&mut first, [11.0, 5.0]), Accused(Level::Warning));
+    // The stream goes on without `x` and with `z`: 9.5 lies within the hysteresis of who was above, which nobody here was.
+    let mut other = of(["y", "z"]);
+    assert!(other.resume(&first.levels()));
+    assert_eq!(observe(&mut other, [9.5, 9.5]), Healthy);
+    // `x` comes back: it was above, and is not below the hysteresis.
+    let mut back = of(["x", "y"]);
+    assert!(back.resume(&other.levels()));
+    assert_eq!(observe(&mut back, [9.5, 9.5]), Accused(Level::Warning));
+    assert_eq!(observe(&mut back, [8.9, 9.5]), Healthy);
+    assert!(!back.resume(&[None; 2]), "of another limit");
 }
 
 #[test]

@@ -319,13 +319,16 @@ impl Rerun {
     fn go_to(&mut self, stream: &PastStream, window: &PastWindow) -> Vec<AlarmEvent> {
         let mut events = Vec::new();
         match &mut self.place {
-            Some(place) if place.stream.name == stream.name => {
+            Some(place)
+                if place.stream.name == stream.name && place.stream.channels == stream.channels =>
+            {
                 self.n_restarts += usize::from(place.run != window.run);
                 (place.run, place.newest_s) = (window.run, window.time_s);
                 return events;
             }
             Some(place) => {
-                self.n_restarts += 1;
+                // One that has other channels from here on is no restart.
+                self.n_restarts += usize::from(place.stream.name != stream.name);
                 let old = place.stream.start.zip(stream.start);
                 let shift_s =
                     old.map_or(0.0, |(old, new)| old.0.saturating_sub(new.0) as f64 * 1e-9);
@@ -358,12 +361,13 @@ impl Rerun {
     fn restart(&mut self, stream: &PastStream, shift_s: f64, now_s: f64) -> Vec<AlarmEvent> {
         let engine = self.engine_for(stream);
         let before = std::mem::replace(&mut self.engine, engine);
+        let goes_on = self.place.as_ref().is_some_and(|place| place.stream.name == stream.name);
         let kept = Kept {
             alarms: before.standing().into_iter().map(|alarm| moved(alarm, shift_s)).collect(),
             history: Vec::new(),
             last_id: before.last_id(),
             last_sequence: before.last_sequence(),
-            judged_until_s: None,
+            judged_until_s: before.judged_until_s().filter(|_| goes_on),
             decisions: Some(before.decisions()),
             ..Kept::default()
         };

@@ -32,7 +32,7 @@ struct Limit {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct StatedDecisions {
     pub(super) startup_since_s: Option<f64>,
-    /// Of each limit its delays and the levels of its channels.
+    /// Of each limit its delays and the levels of its sensors.
     pub(super) limits: Vec<(LevelTracker, Vec<Option<Level>>)>,
     pub(super) channels: Vec<LevelTracker>,
 }

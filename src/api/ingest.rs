@@ -1,13 +1,13 @@
-//! Senders of samples over a WebSocket: moves messages, and speaks JSON with those who do.
+//! Senders of samples over a WebSocket: moves messages, and speaks JSON or CBOR with those who do.
 //!
-//! Binary messages are the frames of `docs/wire.md` as they are. A sender whose first message is a text speaks JSON; what
-//! it says becomes frames, and frames become what it is told. Must not know what becomes of them.
+//! Binary messages are the frames of `docs/wire.md` as they are. A sender whose first message is a text speaks JSON, one
+//! whose first is a map in CBOR that; what it says becomes frames, and frames become what it is told. Must not know what becomes of them.
 
 use super::error::ApiError;
 use super::guard::is_this_server;
 use super::state::ApiState;
 use super::view::IngestPipe;
-use super::wire::ingest::Translator;
+use super::wire::ingest::{Language, Translator};
 use super::wire::problem::ProblemWire;
 use axum::extract::State;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
@@ -74,26 +74,33 @@ fn own_page(headers: &HeaderMap, state: &ApiState) -> Result<(), ApiError> {
 /// Moves messages until one side ends.
 async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
     let IngestPipe { to_daemon, mut from_daemon } = pipe;
-    let mut translator = None;
+    let mut translator: Option<Translator> = None;
+    let mut is_first = true;
     let mut to_daemon = Some(to_daemon);
     loop {
         tokio::select! {
             come = socket.recv() => {
-                let bytes = match come {
-                    Some(Ok(Message::Binary(bytes))) => bytes.to_vec(),
-                    Some(Ok(Message::Text(text))) => {
-                        let translator = translator.get_or_insert_with(Translator::default);
-                        match translator.frame(&text) {
-                            Ok(frame) => frame,
-                            Err(why) => {
-                                let _gone = socket.send(Message::Text(why.into())).await;
-                                to_daemon = None;
-                                continue;
-                            }
-                        }
+                let (language, bytes) = match come {
+                    Some(Ok(Message::Binary(bytes))) => {
+                        let is_cbor = is_first && Language::is_cbor(&bytes);
+                        (is_cbor.then_some(Language::Cbor), Vec::from(bytes))
                     }
+                    Some(Ok(Message::Text(text))) => (Some(Language::Json), text.as_bytes().to_vec()),
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
                     Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                };
+                is_first = false;
+                if let (None, Some(language)) = (&translator, language) {
+                    translator = Some(Translator::new(language));
+                }
+                let bytes = match translator.as_mut().map(|translator| translator.frame(&bytes)) {
+                    None => bytes,
+                    Some(Ok(frame)) => frame,
+                    Some(Err(why)) => {
+                        let _gone = socket.send(message(translator.as_ref(), why)).await;
+                        to_daemon = None;
+                        continue;
+                    }
                 };
                 let mut waiting = bytes;
                 while let Some(sender) = &to_daemon {
@@ -104,7 +111,7 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
                             waiting = back;
                             // What the daemon says goes out meanwhile.
                             if let Ok(frame) = from_daemon.try_recv() {
-                                if tell(&mut socket, &mut translator, frame).await.is_none() {
+                                if tell(&mut socket, &translator, frame).await.is_none() {
                                     return;
                                 }
                             } else {
@@ -118,7 +125,7 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
             }
             said = from_daemon.recv() => {
                 let Some(frame) = said else { break };
-                if tell(&mut socket, &mut translator, frame).await.is_none() {
+                if tell(&mut socket, &translator, frame).await.is_none() {
                     return;
                 }
             }
@@ -131,12 +138,20 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
 /// Tells the sender what the daemon says; `None`: it is gone.
 async fn tell(
     socket: &mut WebSocket,
-    translator: &mut Option<Translator>,
+    translator: &Option<Translator>,
     frame: Vec<u8>,
 ) -> Option<()> {
-    let message = match translator {
-        None => Message::Binary(frame.into()),
-        Some(translator) => Message::Text(translator.text(&frame)?.into()),
+    let told = match translator {
+        None => frame,
+        Some(translator) => translator.told(&frame)?,
     };
-    socket.send(message).await.ok()
+    socket.send(message(translator.as_ref(), told)).await.ok()
+}
+
+/// A message in what the sender speaks.
+fn message(translator: Option<&Translator>, told: Vec<u8>) -> Message {
+    match translator.map(Translator::language) {
+        Some(Language::Json) => Message::Text(String::from_utf8_lossy(&told).into_owned().into()),
+        Some(Language::Cbor) | None => Message::Binary(told.into()),
+    }
 }

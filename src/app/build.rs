@@ -159,7 +159,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         }
         let tells_store = handles.is_empty();
         let joined = match &entry.source {
-            SourceConfig::Tcp => {
+            SourceConfig::Live(_) => {
                 let shared = (&stores, &metrics, &room);
                 live::joining::join(config, entry, link, shared, tells_store)?
             }
@@ -295,7 +295,7 @@ fn open(entry: &MachineConfig) -> Result<Result<Stream, String>, StartError> {
             Ok(Ok(Stream { info, simulated: Some(Box::new(source)) }))
         }
         // Its senders say what it is.
-        SourceConfig::Tcp => Ok(Ok(Stream { info: live::unknown_stream(), simulated: None })),
+        SourceConfig::Live(_) => Ok(Ok(Stream { info: live::unknown_stream(), simulated: None })),
     }
 }
 
@@ -311,7 +311,7 @@ fn work(
             let (desk, handle) = Desk::new(&source, metrics.simulation(&entry.machine.id));
             (Some(Work::Simulate(source, desk)), Some(handle))
         }
-        (SourceConfig::Simulated(_), None) | (SourceConfig::Tcp, _) => (None, None),
+        (SourceConfig::Simulated(_), None) | (SourceConfig::Live(_), _) => (None, None),
     }
 }
 
@@ -328,7 +328,7 @@ fn stream_key(config: &Config, entry: &MachineConfig, start: Option<Timestamp>) 
                 format!("{} {} {changed_s:.6} {judged_by}", settings.file.display(), file.len())
             })
         }
-        SourceConfig::Replay(_) | SourceConfig::Simulated(_) | SourceConfig::Tcp => None,
+        SourceConfig::Replay(_) | SourceConfig::Simulated(_) | SourceConfig::Live(_) => None,
     };
     StreamKey { identity, start, judged_by: Some(judged_by) }
 }

@@ -99,18 +99,18 @@ impl Daemon {
         }
         let runtime = runtime().map_err(|source| system("threads for http", source))?;
         let (address, listener) = bind(config.bind, &runtime)?;
-        let senders =
-            (!plan.ports.is_empty()).then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
+        let hub = (!plan.ports.is_empty()).then(|| {
+            let (ports, metrics) = (plan.ports.clone(), plan.metrics.ingest());
+            Arc::new(Hub::new(&config.ingest, ports, metrics, Arc::clone(&stop)))
+        });
+        let open = hub.clone().filter(|hub| hub.listens());
+        let senders = open.is_some().then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let brokers = hub.as_ref().map(Hub::listeners).transpose()?.unwrap_or_default();
         let signals =
             Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
 
-        let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
         let ingest = senders.as_ref().map(|(address, _)| *address);
-        let ports = plan.ports.clone();
-        let hub = (!ports.is_empty()).then(|| {
-            let metrics = plan.metrics.ingest();
-            Arc::new(Hub::new(&config.ingest, ports, metrics, Arc::clone(&stop)))
-        });
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, mut notifier) = (plan.events, plan.notify);
@@ -121,7 +121,7 @@ impl Daemon {
         let clock = keeper.clock;
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(6 + shards.len() + sources.len());
+        let mut threads = Threads::new(6 + shards.len() + sources.len() + brokers.len());
         let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
         let started = threads
             .start("store".to_owned(), move || keeping.run())
@@ -139,6 +139,13 @@ impl Daemon {
                 let stop = Arc::clone(&stop);
                 let listen = move || live::tcp::run(&listener, &hub, &stop);
                 threads.start("senders".to_owned(), listen)
+            })
+            .and_then(|()| {
+                for (i, broker) in brokers.into_iter().enumerate() {
+                    let stop = Arc::clone(&stop);
+                    threads.start(format!("broker-{i}"), move || broker.run(&stop))?;
+                }
+                Ok(())
             })
             .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
         if let Err(source) = started {
@@ -170,7 +177,7 @@ impl Daemon {
         let listener = http::Patient::new(listener, stalled);
         let state = state.with_trends(trends).with_captures(captures);
         let state = state.with_configuration(configuration);
-        let router = http::router(state.with_ingest(hub.map(live::pipe::handle)));
+        let router = http::router(state.with_ingest(open.map(live::pipe::handle)));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {

@@ -29,6 +29,8 @@ pub enum Input {
         /// Why.
         reason: String,
     },
+    /// Why the rates of channels cannot be what is stated, for people; instead of what was said before.
+    Doubts(Vec<String>),
     /// How the source is doing.
     Source(SourceState),
     /// The stream is another one from here on.
@@ -158,6 +160,7 @@ fn bytes_of(input: &Input) -> usize {
         Input::Rejected { reason, .. } => reason.len(),
         Input::Received(run) => run.bytes(),
         Input::Source(_) | Input::Renew(_) => 0,
+        Input::Doubts(doubts) => doubts.iter().map(String::capacity).sum(),
         Input::Open(info) => size_of::<StreamInfo>() + info.channels.len() * 512,
     };
     size_of::<(usize, Input)>() + heap

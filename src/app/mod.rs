@@ -33,6 +33,7 @@ pub mod simulated;
 pub mod live;
 pub mod recording;
 pub mod client;
+mod broker;
 pub mod notify;
 pub mod http;
 pub mod start_error;

@@ -43,6 +43,9 @@ pub enum StartError {
         /// Why.
         source: Box<simulated::OpenError>,
     },
+    /// The certificates of a broker that a source asks cannot be read.
+    #[error("a source of the kind \"mqtt\" cannot be used")]
+    Broker(#[from] ClientError),
     /// A healthy capture cannot be measured.
     #[error("the baseline {} of machine {machine:?} cannot be used", file.display())]
     Baseline {

@@ -230,24 +230,9 @@ fn machine_text(machine: usize, n: usize, load: Load) -> String {
 }
 
 fn hello(machine: usize, n: usize) -> Hello {
-    let channel = |i: usize| Channel {
-        name: format!("c{i}"),
-        rate_hz: f64::from(RATE_HZ),
-        sample_type: SampleType::F32,
-        scale: 1.0,
-        offset: 0.0,
-        zero: 0.0,
-        range: None,
-        unit: "m/s^2".to_owned(),
-    };
-    Hello {
-        machine: format!("m{machine}"),
-        token: String::new(),
-        epoch: 1,
-        shaft_speed_hz: None,
-        load: None,
-        channels: (0..n).map(channel).collect(),
-    }
+    let rate_hz = f64::from(RATE_HZ);
+    let channel = |i: usize| Channel::new(&format!("c{i}"), rate_hz, SampleType::F32, "m/s^2");
+    Hello::new(&format!("m{machine}"), 1, (0..n).map(channel).collect())
 }
 
 /// What the channels hear, as it travels.

@@ -17,7 +17,9 @@ use crate::capture::recording::repair::Repair;
 use crate::config;
 use crate::config::Config;
 use crate::config::ConfigErrors;
+use crate::config::Live;
 use crate::config::SourceConfig;
+use crate::config::Subscription;
 use crate::ingest::replay::Speed;
 use crate::machine::Machine;
 use crate::machine::file;
@@ -317,17 +319,26 @@ fn configuration(name: &str, config: &Config) -> String {
             SourceConfig::Simulated(simulated) => {
                 format!("simulated scene {} {}\n", simulated.scene.name, pace(simulated.speed))
             }
-            SourceConfig::Tcp => {
-                let tokens = match config.ingest.tokens.len() {
-                    0 => "without tokens".to_owned(),
-                    n => format!("with one of {n} tokens"),
-                };
-                format!("senders over tcp on {}, {tokens}\n", config.ingest.bind)
-            }
+            SourceConfig::Live(live) => network(config, live),
         };
         text.push_str(&indented(&(report::summary(&entry.machine) + &source)));
     }
     text
+}
+
+/// A line for what comes over a network.
+fn network(config: &Config, live: &Live) -> String {
+    let tokens = match config.ingest.tokens.len() {
+        0 => "without tokens".to_owned(),
+        n => format!("with one of {n} tokens"),
+    };
+    let senders =
+        live.listens.then(|| format!("senders over tcp on {}, {tokens}\n", config.ingest.bind));
+    let broker = |broker: &Subscription| {
+        let (n, at) = (broker.topics.len(), &broker.connection);
+        format!("{n} topics of the broker at {}:{}\n", at.host, at.port)
+    };
+    senders.into_iter().chain(live.brokers.iter().map(broker)).collect()
 }
 
 /// A command that reads a capture with these options.

@@ -1,6 +1,7 @@
 //! What each change takes: nothing, other limits, a machine anew, a restart.
 
 use super::super::FileText;
+use super::super::Live;
 use super::super::SourceConfig;
 use super::super::Token;
 use super::super::held_to;
@@ -120,7 +121,9 @@ fn what_needs_a_restart_says_so_and_stays_as_it_was() {
         ("pipeline.window_seconds", |c| c.monitor.window_s = 9.0),
         ("pipeline.hop_seconds", |c| c.monitor.hop_s = 9.0),
         ("pipeline.ring_seconds", |c| c.monitor.ring_s = 99.0),
-        ("the source of machine \"rig\"", |c| c.machines[0].source = SourceConfig::Tcp),
+        ("the source of machine \"rig\"", |c| {
+            c.machines[0].source = SourceConfig::Live(Live::default())
+        }),
     ];
     for (name, step) in steps {
         let mut new = config();

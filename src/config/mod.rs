@@ -12,9 +12,12 @@ mod resolve;
 mod machines;
 mod notify;
 mod ingest;
+mod live;
 
 pub use ingest::Ingest;
 pub use ingest::Token;
+pub use live::Live;
+pub use live::Subscription;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;
@@ -153,8 +156,8 @@ pub enum SourceConfig {
     Replay(replay::Settings),
     /// A scene, simulated as long as the daemon runs.
     Simulated(Box<simulated::Settings>),
-    /// Senders on a network, by the protocol of docs/wire.md.
-    Tcp,
+    /// Senders on a network, and brokers.
+    Live(Live),
 }
 
 impl Default for Config {

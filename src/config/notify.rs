@@ -10,6 +10,7 @@ use crate::notify::Filter;
 use crate::notify::Secret;
 use crate::notify::endpoint::Endpoint;
 use crate::notify::settings::Broker;
+use crate::notify::settings::Connection;
 use crate::notify::settings::Settings;
 use crate::notify::settings::Webhook;
 use crate::notify::signature;
@@ -132,6 +133,39 @@ impl Resolver<'_> {
 
     fn broker(&mut self, path: &str, raw: raw::Mqtt, machines: &[MachineConfig]) -> Option<Broker> {
         let name = self.required(path, "name", raw.name);
+        let prefix = raw.prefix.unwrap_or_else(|| "rotorwatch".to_owned());
+        if prefix.trim_matches('/').is_empty()
+            || prefix.contains(['+', '#', '\0'])
+            || prefix.starts_with('$')
+        {
+            let message =
+                format!("{prefix:?} cannot begin a topic: no '+', '#' or leading '$', not empty");
+            self.report(&format!("{path}.prefix"), message);
+        }
+        let filter = self.filter(path, (raw.machines, raw.levels, raw.transitions), machines);
+        let client_id = raw.client_id.or_else(|| Some(format!("rotorwatch-{}", name.as_ref()?)));
+        let reached = raw::Reached {
+            host: raw.host,
+            port: raw.port,
+            tls: raw.tls,
+            ca_file: raw.ca_file,
+            client_id,
+            user: raw.user,
+            password_file: raw.password_file,
+        };
+        let connection = self.connection(path, reached);
+        Some(Broker {
+            name: name?,
+            connection: connection?,
+            prefix,
+            filter,
+            backoff: backoff(raw.max_backoff_s),
+            max_waiting: raw.max_waiting.unwrap_or(MAX_WAITING),
+        })
+    }
+
+    /// How a broker is reached.
+    pub(super) fn connection(&mut self, path: &str, raw: raw::Reached) -> Option<Connection> {
         let host = self.required(path, "host", raw.host);
         let tls = raw.tls.unwrap_or(false);
         let credentials = match (raw.user, raw.password_file) {
@@ -147,31 +181,9 @@ impl Resolver<'_> {
                 None
             }
         };
-        let prefix = raw.prefix.unwrap_or_else(|| "rotorwatch".to_owned());
-        if prefix.trim_matches('/').is_empty()
-            || prefix.contains(['+', '#', '\0'])
-            || prefix.starts_with('$')
-        {
-            let message =
-                format!("{prefix:?} cannot begin a topic: no '+', '#' or leading '$', not empty");
-            self.report(&format!("{path}.prefix"), message);
-        }
-        let filter = self.filter(path, (raw.machines, raw.levels, raw.transitions), machines);
         let ca_file = self.ca_file(path, raw.ca_file);
-        let name = name?;
-        Some(Broker {
-            client_id: raw.client_id.unwrap_or_else(|| format!("rotorwatch-{name}")),
-            name,
-            host: host?,
-            port: raw.port.unwrap_or(if tls { PORT_TLS } else { PORT }),
-            tls,
-            ca_file,
-            credentials,
-            prefix,
-            filter,
-            backoff: backoff(raw.max_backoff_s),
-            max_waiting: raw.max_waiting.unwrap_or(MAX_WAITING),
-        })
+        let port = raw.port.unwrap_or(if tls { PORT_TLS } else { PORT });
+        Some(Connection { host: host?, port, tls, ca_file, client_id: raw.client_id?, credentials })
     }
 
     fn key(&mut self, place: &str, text: &str) -> Option<Secret> {

@@ -121,6 +121,26 @@ pub(super) struct Source {
     pub(super) scene: Option<String>,
     pub(super) scenario: Option<String>,
     pub(super) seed: Option<u64>,
+    pub(super) host: Option<String>,
+    pub(super) port: Option<u16>,
+    pub(super) tls: Option<bool>,
+    pub(super) ca_file: Option<String>,
+    pub(super) client_id: Option<String>,
+    pub(super) user: Option<String>,
+    pub(super) password_file: Option<String>,
+    pub(super) topics: Vec<String>,
+}
+
+/// How a broker is reached: keys of `[[notify.mqtt]]` and of a `[[source]]`.
+#[derive(Debug)]
+pub(super) struct Reached {
+    pub(super) host: Option<String>,
+    pub(super) port: Option<u16>,
+    pub(super) tls: Option<bool>,
+    pub(super) ca_file: Option<String>,
+    pub(super) client_id: Option<String>,
+    pub(super) user: Option<String>,
+    pub(super) password_file: Option<String>,
 }
 
 /// `[notify]`

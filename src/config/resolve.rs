@@ -34,15 +34,14 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::path::PathBuf;
 
-/// Source kinds of the contract that this version does not have yet.
-const LATER_KINDS: &[&str] = &["mqtt"];
-
 /// Longest stretch of the past that is held for captures without being asked for, s.
 const MAX_SECONDS_BEFORE: f64 = 600.0;
 
 /// Keys of a source that only one kind of it has.
-const OF_REPLAY: &[&str] = &["file", "loop", "rate_hz", "unit"];
+const OF_REPLAY: &[&str] = &["file", "loop", "unit"];
 const OF_SIMULATED: &[&str] = &["scene", "scenario", "seed"];
+const OF_MQTT: &[&str] =
+    &["host", "port", "tls", "ca_file", "client_id", "user", "password_file", "topics"];
 
 /// Makes the configuration; mistakes go to `scan`, with defaults in their place.
 pub(super) fn config(
@@ -267,11 +266,7 @@ impl Resolver<'_> {
                 Entry::Vacant(entry) => {
                     entry.insert(source);
                 }
-                Entry::Occupied(entry) => {
-                    let message =
-                        format!("machine {:?} already has a source, one is allowed", entry.key());
-                    self.report(&format!("{path}.machine"), message);
-                }
+                Entry::Occupied(mut entry) => self.join(&path, entry.get_mut(), source),
             }
         }
         sources
@@ -283,19 +278,21 @@ impl Resolver<'_> {
             "replay" => self.replay(path, raw),
             "simulated" => self.simulated(path, raw),
             "tcp" => {
-                for keys in [OF_REPLAY, OF_SIMULATED, &["speed"]] {
+                for keys in [OF_REPLAY, OF_SIMULATED, OF_MQTT, &["speed", "rate_hz"]] {
                     self.foreign_keys(path, "tcp", keys);
                 }
-                Some(SourceConfig::Tcp)
+                Some(SourceConfig::Live(super::Live::listening()))
+            }
+            "mqtt" => {
+                for keys in [OF_REPLAY, OF_SIMULATED, &["speed"]] {
+                    self.foreign_keys(path, "mqtt", keys);
+                }
+                self.subscription(path, raw)
             }
             _ => {
-                let why = if LATER_KINDS.contains(&kind.as_str()) {
-                    "is not available in this version"
-                } else {
-                    "is no kind of source"
-                };
-                let message =
-                    format!("{kind:?} {why}, allowed: \"replay\", \"simulated\", \"tcp\"");
+                let message = format!(
+                    "{kind:?} is no kind of source, allowed: \"replay\", \"simulated\", \"tcp\", \"mqtt\""
+                );
                 self.report(&format!("{path}.kind"), message);
                 None
             }
@@ -313,7 +310,9 @@ impl Resolver<'_> {
     }
 
     fn simulated(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
-        self.foreign_keys(path, "simulated", OF_REPLAY);
+        for keys in [OF_REPLAY, OF_MQTT, &["rate_hz"]] {
+            self.foreign_keys(path, "simulated", keys);
+        }
         let name = self.required(path, "scene", raw.scene)?;
         let scene = self.scene(&format!("{path}.scene"), &name)?;
         let speed = match raw.speed {
@@ -362,7 +361,9 @@ impl Resolver<'_> {
     }
 
     fn replay(&mut self, path: &str, raw: raw::Source) -> Option<SourceConfig> {
-        self.foreign_keys(path, "replay", OF_SIMULATED);
+        for keys in [OF_SIMULATED, OF_MQTT] {
+            self.foreign_keys(path, "replay", keys);
+        }
         let file = self.required(path, "file", raw.file)?;
         let file = self.files(&format!("{path}.file"), vec![file]).pop()?;
         let speed = match raw.speed {
@@ -399,12 +400,7 @@ impl Resolver<'_> {
     }
 
     /// Reports a key that is missing, unless it is there and was reported as wrong.
-    pub(super) fn required(
-        &mut self,
-        path: &str,
-        name: &str,
-        value: Option<String>,
-    ) -> Option<String> {
+    pub(super) fn required<T>(&mut self, path: &str, name: &str, value: Option<T>) -> Option<T> {
         if value.is_none() && !self.scan.has(&format!("{path}.{name}")) {
             self.report(path, format!("the key {name:?} is missing"));
         }

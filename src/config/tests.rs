@@ -111,7 +111,7 @@ window_seconds = "long"
 file = "rig.toml"
 baseline = ["healthy.h5"]
 [[source]]
-kind = "mqtt"
+kind = "opc"
 machine = "rig-2"
 speed = "fast"
 "#;
@@ -123,7 +123,7 @@ speed = "fast"
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
-        "14:1: source[0].kind: \"mqtt\" is not available in this version, allowed: \"replay\", \"simulated\", \"tcp\"",
+        "14:1: source[0].kind: \"opc\" is no kind of source, allowed: \"replay\", \"simulated\", \"tcp\", \"mqtt\"",
         "15:1: source[0].machine: no machine has the id \"rig-2\", known: rig-1",
         "12:1: machine[0].baseline: there is no file",
         "10:1: machine[0]: machine \"rig-1\" has no source",
@@ -136,10 +136,40 @@ speed = "fast"
 }
 
 #[test]
+fn brokers_are_asked_beside_senders_and_each_topic_is_one() {
+    let text = "[[machine]]\nfile = \"rig.toml\"\n[[source]]\nkind = \"tcp\"\nmachine = \"rig-1\"\n[[source]]\n\
+                kind = \"mqtt\"\nmachine = \"rig-1\"\nrate_hz = 1\nhost = \"broker\"\n";
+    let with = |topics: &str| format!("{text}topics = {topics}\n");
+    let config =
+        load_text(&with("[\"load: plant/a:b/load\", \"speed: plant/speed\"]"), &[]).unwrap();
+    let SourceConfig::Live(live) = &config.machines[0].source else { panic!("senders") };
+    let broker = &live.brokers[0];
+    assert!(live.listens);
+    assert_eq!((broker.connection.port, broker.connection.host.as_str()), (1883, "broker"));
+    let expected = [("load", "plant/a:b/load"), ("speed", "plant/speed")];
+    assert_eq!(broker.topics, expected.map(|(c, t)| (c.to_owned(), t.to_owned())));
+    for (topics, expected) in [
+        ("[]", "0 are given"),
+        ("[\"load\"]", "not of the form"),
+        ("[\"load: plant/+\"]", "not of the form"),
+        ("[\"load: a\", \"load: b\"]", "line before it"),
+    ] {
+        let found = mistakes(&with(topics), &[]);
+        assert!(found.iter().any(|m| m.contains(expected)), "{topics}: {found:#?}");
+    }
+    let twice = format!("{}[[source]]\nkind = \"tcp\"\nmachine = \"rig-1\"\n", with("[\"x: x\"]"));
+    assert!(mistakes(&twice, &[])[0].contains("already has a source"));
+    let fast = with("[\"x: x\"]").replace("rate_hz = 1", "rate_hz = 1000");
+    assert!(mistakes(&fast, &[])[0].contains("over TCP"));
+    let foreign = with("[\"x: x\"]").replace("rate_hz", "loop = true\nrate_hz");
+    assert!(mistakes(&foreign, &[])[0].contains("no such key"));
+}
+
+#[test]
 fn senders_need_tokens_where_others_reach_and_no_message_shows_one() {
     let tcp = "[[machine]]\nfile = \"rig.toml\"\n[[source]]\nkind = \"tcp\"\nmachine = \"rig-1\"\n";
     let config = load_text(tcp, &[]).unwrap();
-    assert_eq!(config.machines[0].source, SourceConfig::Tcp);
+    assert_eq!(config.machines[0].source, SourceConfig::Live(Live::listening()));
     assert_eq!(config.ingest, Ingest::default());
     let found = mistakes(&format!("{tcp}speed = 1\nscene = \"GG_GS_GB\"\n"), &[]);
     assert!(

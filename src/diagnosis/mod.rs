@@ -55,7 +55,7 @@ impl Context<'_> {
 #[must_use]
 pub fn assess(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
     let mut components = bearing::judge(features, context);
-    components.extend(rotation::judge(features, context));
+    components.extend(rotation::judge(features, &components, context));
     let explained = components.iter().any(|c| c.state.is_accusation());
     components.push(level::judge(features, context, explained));
     components.extend(sensor::judge(features, context));

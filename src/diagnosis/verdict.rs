@@ -236,3 +236,17 @@ pub struct Diagnosis {
     /// First sample and one past the last, of the window this verdict rests on, by channel.
     pub sample_ranges: Vec<(String, u64, u64)>,
 }
+
+impl Diagnosis {
+    /// The diagnosis with what its source knows and no sample shows, such as a clock that runs wrong: warnings, and data that
+    /// are degraded at least.
+    #[must_use]
+    pub fn with_doubts(&self, doubts: &[String]) -> Self {
+        let mut doubted = self.clone();
+        doubted.warnings.extend_from_slice(doubts);
+        if !doubts.is_empty() {
+            doubted.data_quality = doubted.data_quality.max(DataQuality::Degraded);
+        }
+        doubted
+    }
+}

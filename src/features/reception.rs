@@ -1,11 +1,12 @@
-//! What a sensor may receive besides its machine: mains hum in the cable, frequencies folded for want of a filter. No
-//! fault of the sensor, and nothing is left out for it; but who reads its spectrum should know.
+//! What a sensor may receive besides its machine: mains hum in the cable, frequencies folded for want of a filter, drift
+//! of its own. It may be no fault of the sensor, and nothing is left out for it; but who reads its spectrum should know.
 
 use super::sensor::SensorReading;
 use super::shaft;
 use super::trace::Trace;
 use crate::dsp::real::floor_index;
 use crate::machine::Machine;
+use crate::machine::sensor::SensorKind;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
 
@@ -31,6 +32,21 @@ const SHAFT_HARMONICS: f64 = 60.0;
 /// a little lower: at half the sampling rate even half-band filters have 6 dB.
 const FALL: f64 = 0.5;
 
+/// Nothing of a machine moves slower than this part of its slowest shaft but what is hunting or loose: cages, belts and
+/// whirls in oil stand at a third to a half.
+const BELOW_ALL: f64 = 0.25;
+
+/// Octaves below that in which a drift must rise, and lines of the spectrum in the lowest at least: a mean over four is
+/// known to a factor of 2 at 95 %.
+const DRIFT_OCTAVES: i32 = 3;
+const DRIFT_BINS: usize = 4;
+
+/// Factor by which the density of a drift rises an octave: half of what a wandering zero has (1/f²).
+const DRIFT_RISE: f64 = 2.0;
+
+/// Part of the whole power that a drift must have to be told.
+const DRIFT_PART: f64 = 0.5;
+
 /// Adds sentences to the readings of the sensors that `traces` are of. `first`: speed of the first shaft, if known.
 pub(super) fn doubt(
     machine: &Machine,
@@ -44,6 +60,9 @@ pub(super) fn doubt(
         reading.doubts.extend(hum(machine, first, &trace.x_hat, n, trace.rate));
         if machine.sensors[trace.sensor].usable.is_none() {
             reading.doubts.extend(folding(&trace.x_hat, trace.rate));
+        }
+        if machine.sensors[trace.sensor].kind == SensorKind::Accelerometer {
+            reading.doubts.extend(drift(machine, first, &trace.x_hat, n, trace.rate));
         }
     }
 }
@@ -101,6 +120,40 @@ fn folding(x_hat: &[Complex<f32>], rate: Hz) -> Option<String> {
     })
 }
 
+/// A zero that wanders more than the machine shakes: far below its slowest shaft the spectrum rises towards 0 Hz and
+/// holds most of the power.
+fn drift(
+    machine: &Machine,
+    first: Option<Hz>,
+    x_hat: &[Complex<f32>],
+    n: usize,
+    rate: Hz,
+) -> Option<String> {
+    let ratios = machine.shafts.iter().filter_map(|s| s.ratio_to_first);
+    let slowest_hz = first?.0 * ratios.reduce(f64::min)?;
+    let top_hz = BELOW_ALL * slowest_hz;
+    let bins = |low_hz: f64, high_hz: f64| {
+        let at = |hz: f64| floor_index(hz * n as f64 / rate.0) + 1;
+        x_hat.get(at(low_hz)..at(high_hz)).unwrap_or_default()
+    };
+    let power = |bins: &[Complex<f32>]| bins.iter().map(|b| f64::from(b.norm_sqr())).sum::<f64>();
+    let octaves = (0..DRIFT_OCTAVES).map(|octave| {
+        let high_hz = top_hz / 2.0_f64.powi(octave);
+        let bins = bins(0.5 * high_hz, high_hz);
+        (bins.len() >= DRIFT_BINS).then(|| power(bins) / bins.len() as f64)
+    });
+    let densities: Vec<f64> = octaves.collect::<Option<_>>()?;
+    let rises = densities.windows(2).all(|pair| pair[1] >= DRIFT_RISE * pair[0]);
+    let part = power(bins(0.0, top_hz)) / power(bins(0.0, 0.5 * rate.0));
+    (rises && part >= DRIFT_PART).then(|| {
+        format!(
+            "drift: {:.0} % of the power lies below {top_hz:.1} Hz and rises towards 0 Hz; look for a loose mounting or plug, \
+             a blow beyond the range, or heat",
+            100.0 * part
+        )
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -148,6 +201,24 @@ mod tests {
         assert_eq!(told("", 59.9, &hum), None, "the shaft's own harmonics");
         assert_eq!(told("", 24.3, &[60.0, 300.0]), None, "two lines are not enough");
         assert_eq!(told("", 24.3, &[]), None);
+    }
+
+    #[test]
+    fn a_zero_that_wanders_more_than_the_machine_shakes_is_told() {
+        let told = |x: &[f64]| drift(&machine(""), Some(Hz(24.3)), &spectrum(x), x.len(), RATE);
+        let vibration = record(&[24.3, 48.6]);
+        assert_eq!(told(&vibration), None);
+        // A random walk has 1/f²; its steps are these parts of the noise.
+        let walk = |part: f64| -> Vec<f64> {
+            let mut at = 0.0;
+            let wandering = |(v, step): (&f64, f64)| {
+                at += step;
+                v + part * at
+            };
+            vibration.iter().zip(gaussian_noise(vibration.len(), 17)).map(wandering).collect()
+        };
+        assert!(told(&walk(0.1)).unwrap().contains("below 6.1 Hz"));
+        assert_eq!(told(&walk(0.001)), None, "there, but little");
     }
 
     #[test]

@@ -43,6 +43,21 @@ pub struct Webhook {
 pub struct Broker {
     /// Its name, unique among all receivers.
     pub name: String,
+    /// How it is reached.
+    pub connection: Connection,
+    /// Beginning of every topic.
+    pub prefix: String,
+    /// What its events topic is told of.
+    pub filter: Filter,
+    /// Waits between attempts.
+    pub backoff: Backoff,
+    /// Events that may wait for it.
+    pub max_waiting: usize,
+}
+
+/// How a broker is reached.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Connection {
     /// Host.
     pub host: String,
     /// Port.
@@ -55,14 +70,6 @@ pub struct Broker {
     pub client_id: String,
     /// User and password.
     pub credentials: Option<(String, Secret)>,
-    /// Beginning of every topic.
-    pub prefix: String,
-    /// What its events topic is told of.
-    pub filter: Filter,
-    /// Waits between attempts.
-    pub backoff: Backoff,
-    /// Events that may wait for it.
-    pub max_waiting: usize,
 }
 
 impl Settings {

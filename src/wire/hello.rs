@@ -56,6 +56,24 @@ pub struct Channel {
     pub unit: String,
 }
 
+impl Hello {
+    /// Of a machine, without a token, speed and load.
+    #[must_use]
+    pub fn new(machine: &str, epoch: u64, channels: Vec<Channel>) -> Self {
+        let (machine, token) = (machine.to_owned(), String::new());
+        Self { machine, token, epoch, shaft_speed_hz: None, load: None, channels }
+    }
+}
+
+impl Channel {
+    /// Whose raw values are physical ones, over all that their type can hold.
+    #[must_use]
+    pub fn new(name: &str, rate_hz: f64, sample_type: SampleType, unit: &str) -> Self {
+        let (name, unit) = (name.to_owned(), unit.to_owned());
+        Self { name, rate_hz, sample_type, scale: 1.0, offset: 0.0, zero: 0.0, range: None, unit }
+    }
+}
+
 /// A number that may be unknown travels as NaN.
 fn put_known(out: &mut Vec<u8>, number: Option<f64>) {
     out.extend_from_slice(&number.unwrap_or(f64::NAN).to_le_bytes());

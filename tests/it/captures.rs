@@ -1,12 +1,15 @@
 //! Captures of alarms: made by the daemon, downloaded, judged again bit by bit, diagnosed as any other, and whole
 //! after a kill.
 
+use crate::live;
+use crate::live::Sender;
 use crate::support;
 use crate::support::Daemon;
 use rotorwatch::capture::writer::{CaptureHeader, CaptureWriter};
 use rotorwatch::capture::writer::{ChannelHeader, ChannelSamples, ChannelStorage};
 use rotorwatch::signal::SampleIndex;
 use rotorwatch::units::Hz;
+use rotorwatch::wire::{Block, Bye, Channel, Hello, Message, SampleType, Samples};
 use serde_json::Value;
 use serde_json::json;
 use std::f64::consts::TAU;
@@ -248,6 +251,43 @@ fn windows_beside_a_gap_and_at_another_speed_are_the_same() {
     let (_, detail) = daemon.get_json(&format!("/api/v1/alarms/{}", alarm["id"].as_str().unwrap()));
     let of_alarm = download(&daemon, detail["capture"]["id"].as_str().unwrap(), elsewhere.path());
     all_equal(&of_alarm, 2);
+}
+
+#[test]
+fn windows_of_a_live_sender_with_samples_beyond_its_range_are_the_same() {
+    let config = CONFIG
+        .replace("kind = \"replay\"", "kind = \"tcp\"")
+        .replace("file = \"x.h5\"\n", "[ingest]\nbind = \"127.0.0.1:0\"\n");
+    let (daemon, address) =
+        live::live_in(support::folder(&config, &[("rig.toml", MACHINE.as_bytes())]));
+    let described = Channel::new("right_x", RATE_HZ, SampleType::I16, "m/s^2");
+    let range = Some((-30_000.0, 30_000.0));
+    let channel = Channel { scale: SCALE, offset: 0.25, range, ..described };
+    let hello = Hello::new("rig-1", 1, vec![channel]);
+    let (mut sender, _) = Sender::greet_with(&address, hello);
+    let start_ns = live::ago(60);
+    #[expect(clippy::cast_possible_truncation, reason = "a few thousand counts")]
+    let mut counts: Vec<i16> =
+        signal(40.0, 0.0, |_| 20.0).iter().map(|x| (x / SCALE).round() as i16).collect();
+    // The converter was overdriven for a moment, twice within what is captured.
+    let overdriven = [12 * 5000 + 77, 13 * 5000, 13 * 5000 + 1];
+    overdriven.iter().for_each(|at| counts[*at] = 32_767);
+    for (sequence, counts) in (0..).zip(counts.chunks(10_000)) {
+        let bytes: Vec<u8> = counts.iter().flat_map(|count| count.to_le_bytes()).collect();
+        let samples = Samples::new(SampleType::I16, &bytes).unwrap();
+        let first = sequence * 10_000;
+        let time_ns = start_ns + i64::try_from(first).unwrap() * 200_000;
+        sender.send(Block { stream: 0, sequence, first, time_ns, samples });
+    }
+    sender.say(&Message::Bye(Bye::End));
+    bearing_alarm(&daemon);
+    let captures = complete(&daemon);
+    let (_, list) = daemon.get_json("/api/v1/machines/rig-1/channels");
+    let ledger = &list["items"][0]["ledger"];
+    assert_eq!(live::count(ledger, "out_of_range"), 3, "{ledger}");
+    let elsewhere = TempDir::new().unwrap();
+    let file = download(&daemon, captures[0]["id"].as_str().unwrap(), elsewhere.path());
+    all_equal(&file, 2);
 }
 
 #[test]

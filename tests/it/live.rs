@@ -8,6 +8,7 @@ use crate::support::wait_until;
 use rotorwatch::wire;
 use rotorwatch::wire::{Block, Bye, Channel, Frames, Hello, Message, SampleType, Samples, Wanted};
 use serde_json::Value;
+use serde_json::json;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Command, Stdio};
@@ -15,10 +16,10 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tempfile::TempDir;
 use tungstenite::client::IntoClientRequest;
 
-const RATE_HZ: u32 = 2000;
+pub(crate) const RATE_HZ: u32 = 2000;
 
 /// Samples of a block.
-const N: u32 = 200;
+pub(crate) const N: u32 = 200;
 
 fn config(more: &str) -> String {
     format!(
@@ -32,7 +33,7 @@ fn live(machine: &str, more: &str) -> (Daemon, String) {
     live_in(support::folder(&config(more), &[("rig.toml", machine.as_bytes())]))
 }
 
-fn live_in(dir: TempDir) -> (Daemon, String) {
+pub(crate) fn live_in(dir: TempDir) -> (Daemon, String) {
     let (daemon, line) = Daemon::start_with_second_line(dir);
     let address = line.strip_prefix("ingest on tcp://").unwrap_or_else(|| panic!("{line:?}"));
     (daemon, address.to_owned())
@@ -46,7 +47,7 @@ fn replay(dir: &TempDir, address: &str, more: &[&str]) -> Command {
 }
 
 /// A connection that sends what it is told to.
-struct Sender {
+pub(crate) struct Sender {
     stream: TcpStream,
     frames: Frames,
     /// The last sequence sent.
@@ -55,20 +56,14 @@ struct Sender {
 
 impl Sender {
     /// Says hello as the sender of channel `right_x`, whose sample i is i / 1000.
-    fn greet(address: &str, epoch: u64) -> (Self, Wanted) {
-        let channel = Channel {
-            name: "right_x".to_owned(),
-            rate_hz: f64::from(RATE_HZ),
-            sample_type: SampleType::F64,
-            scale: 1e-3,
-            offset: 0.0,
-            zero: 0.0,
-            range: None,
-            unit: "m/s^2".to_owned(),
-        };
-        let (machine, token) = ("rig-1".to_owned(), String::new());
-        let channels = vec![channel];
-        let hello = Hello { machine, token, epoch, shaft_speed_hz: None, load: None, channels };
+    pub(crate) fn greet(address: &str, epoch: u64) -> (Self, Wanted) {
+        let described = Channel::new("right_x", f64::from(RATE_HZ), SampleType::F64, "m/s^2");
+        let hello = Hello::new("rig-1", epoch, vec![Channel { scale: 1e-3, ..described }]);
+        Self::greet_with(address, hello)
+    }
+
+    /// Says this hello; gives the place of the first channel.
+    pub(crate) fn greet_with(address: &str, hello: Hello) -> (Self, Wanted) {
         let stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         let mut sender = Self { stream, frames: Frames::default(), last: 0 };
@@ -80,15 +75,22 @@ impl Sender {
         (sender, wanted)
     }
 
-    fn say(&mut self, message: &Message<'_>) {
+    pub(crate) fn say(&mut self, message: &Message<'_>) {
         let mut frame = Vec::new();
         wire::encode(message, &mut frame).unwrap();
         self.stream.write_all(&frame).unwrap();
     }
 
-    fn block(&mut self, sequence: u32, start_ns: i64) {
+    pub(crate) fn block(&mut self, sequence: u32, start_ns: i64) {
         self.stream.write_all(&frame(sequence, start_ns)).unwrap();
         self.last = sequence.into();
+    }
+
+    /// Sends a block and waits until it is settled, as its credit wants it.
+    pub(crate) fn send(&mut self, block: Block<'_>) {
+        self.last = block.sequence;
+        self.say(&Message::Block(block));
+        self.settle();
     }
 
     fn until<T>(&mut self, is_it: impl Fn(&Message<'_>) -> Option<T>) -> T {
@@ -105,7 +107,7 @@ impl Sender {
     }
 
     /// Waits until everything sent is settled.
-    fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         self.say(&Message::Ping);
         let last = self.last;
         self.until(|message| {
@@ -128,7 +130,7 @@ fn frame(sequence: u32, start_ns: i64) -> Vec<u8> {
 }
 
 /// UTC so many seconds ago, ns.
-fn ago(seconds: u64) -> i64 {
+pub(crate) fn ago(seconds: u64) -> i64 {
     #[expect(clippy::disallowed_methods, reason = "a sender's clock")]
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
     i64::try_from((now - Duration::from_secs(seconds)).as_nanos()).unwrap()
@@ -138,7 +140,7 @@ fn channel(daemon: &Daemon) -> Value {
     daemon.get_json("/api/v1/machines/rig-1/channels").1["items"][0].clone()
 }
 
-fn count(ledger: &Value, name: &str) -> u64 {
+pub(crate) fn count(ledger: &Value, name: &str) -> u64 {
     ledger[name].as_u64().unwrap_or_else(|| panic!("{name} in {ledger}"))
 }
 
@@ -395,6 +397,34 @@ fn a_small_sender_speaks_json_over_a_websocket() {
 }
 
 #[test]
+fn a_small_sender_speaks_cbor_over_a_websocket() {
+    let (daemon, _) = live(support::MACHINE, "");
+    let url = format!("{}/api/v1/ingest", daemon.base_url.replace("http://", "ws://"));
+    let (mut socket, _) = tungstenite::connect(&url).unwrap();
+    let mut say = |value: Value| {
+        let mut bytes = Vec::new();
+        ciborium::into_writer(&value, &mut bytes).unwrap();
+        socket.send(tungstenite::Message::binary(bytes)).unwrap();
+    };
+    let channel_of_it = json!({ "name": "right_x", "rate_hz": 100.0, "unit": "g" });
+    say(json!({ "type": "hello", "machine": "rig-1", "epoch": 3, "channels": [channel_of_it] }));
+    let samples: Vec<f64> = (0..1000).map(f64::from).collect();
+    say(
+        json!({ "type": "block", "channel": "right_x", "sequence": 0, "first": 0, "samples": samples }),
+    );
+    say(json!({ "type": "bye", "end": true }));
+    let mut told: Vec<Value> = Vec::new();
+    while let Ok(message) = socket.read() {
+        if let tungstenite::Message::Binary(bytes) = message {
+            told.push(ciborium::from_reader(&bytes[..]).unwrap());
+        }
+    }
+    assert_eq!(told[0]["type"], "welcome", "{told:?}");
+    daemon.wait_finished("rig-1");
+    assert_eq!(count(&assert_accounted(&daemon), "used"), 1000);
+}
+
+#[test]
 fn an_address_that_others_can_reach_needs_tokens() {
     let open =
         config("").replace("[ingest]\nbind = \"127.0.0.1:0\"", "[ingest]\nbind = \"0.0.0.0:0\"");
@@ -424,6 +454,19 @@ fn an_address_that_others_can_reach_needs_tokens() {
     daemon.wait_finished("rig-1");
     let ended = daemon.terminate();
     assert!(!ended.stderr.contains(token), "{}", ended.stderr);
+}
+
+#[test]
+#[ignore = "takes 10 s, and needs the examples: cargo test builds them, cargo test --test it does not"]
+fn the_rust_example_streams_ten_seconds_and_loses_nothing() {
+    let (daemon, address) = live(support::MACHINE, "");
+    let example = std::path::Path::new(env!("CARGO_BIN_EXE_rotorwatch")).with_file_name("examples");
+    let streamed =
+        support::run(Command::new(example.join("stream")).args([&address, "rig-1", "right_x"]));
+    assert_eq!(streamed.status.code(), Some(0), "{}", streamed.stderr);
+    daemon.wait_finished("rig-1");
+    let ledger = assert_accounted(&daemon);
+    assert_eq!((count(&ledger, "used"), count(&ledger, "lost")), (100_000, 0));
 }
 
 #[test]

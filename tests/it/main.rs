@@ -15,6 +15,7 @@ mod damaged_bearing;
 mod gaps;
 mod hook;
 mod mqtt;
+mod values;
 mod neighbours;
 mod notify;
 mod event_stream;

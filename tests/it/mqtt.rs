@@ -30,13 +30,13 @@ use tempfile::TempDir;
 /// Says to this binary that it is a broker, and where.
 const PORT: &str = "ROTORWATCH_TEST_BROKER_PORT";
 
-const PASSWORD: &str = "p4ss-0f-the-br0ker";
+pub(crate) const PASSWORD: &str = "p4ss-0f-the-br0ker";
 
 /// The broker's process: this binary again, with the test below.
-struct Broker(Child);
+pub(crate) struct Broker(Child);
 
 impl Broker {
-    fn start(port: u16) -> Self {
+    pub(crate) fn start(port: u16) -> Self {
         let child = Command::new(std::env::current_exe().unwrap())
             .args(["--ignored", "--exact", "mqtt::a_broker", "--nocapture"])
             .env(PORT, port.to_string())

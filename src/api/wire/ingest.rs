@@ -1,4 +1,4 @@
-//! What senders of samples say and are told in JSON, and the frames it stands for (docs/wire.md).
+//! What senders of samples say and are told in JSON or CBOR, and the frames it stands for (docs/wire.md).
 
 use super::finite;
 use crate::wire;
@@ -7,8 +7,64 @@ use crate::wire::{
 };
 use serde::{Deserialize, Serialize};
 
-/// Most channels of a sender that speaks JSON.
+/// Most channels of a sender that speaks no frames.
 const MAX_CHANNELS: usize = 100;
+
+/// Longest message in CBOR, bytes: the longest block fits, and what a short element becomes in memory is bounded.
+const MAX_CBOR_BYTES: usize = 1 << 20;
+
+/// What a sender speaks instead of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Language {
+    /// RFC 8259, in text messages.
+    Json,
+    /// RFC 8949, in binary messages.
+    Cbor,
+}
+
+impl Language {
+    /// Whether a binary message begins as a map in CBOR, which no frame does.
+    #[must_use]
+    pub fn is_cbor(message: &[u8]) -> bool {
+        message.first().is_some_and(|first| (0xa0..=0xbf).contains(first))
+    }
+
+    fn read(self, message: &[u8]) -> Result<Said, (ErrorCode, String)> {
+        let malformed = |error: String| (ErrorCode::Malformed, error);
+        match self {
+            Self::Json => {
+                serde_json::from_slice(message).map_err(|error| malformed(error.to_string()))
+            }
+            Self::Cbor if message.len() > MAX_CBOR_BYTES => {
+                let text = format!(
+                    "a message of {} bytes; at most {MAX_CBOR_BYTES} are taken in CBOR",
+                    message.len()
+                );
+                Err((ErrorCode::TooLarge, text))
+            }
+            Self::Cbor => {
+                let mut rest = message;
+                let said = ciborium::from_reader(&mut rest)
+                    .map_err(|error| malformed(error.to_string()))?;
+                if !rest.is_empty() {
+                    return Err(malformed(format!("{} bytes behind the message", rest.len())));
+                }
+                Ok(said)
+            }
+        }
+    }
+
+    fn write(self, told: &Told<'_>) -> Option<Vec<u8>> {
+        match self {
+            Self::Json => serde_json::to_vec(told).ok(),
+            Self::Cbor => {
+                let mut bytes = Vec::new();
+                ciborium::into_writer(told, &mut bytes).ok()?;
+                Some(bytes)
+            }
+        }
+    }
+}
 
 /// What a sender says.
 #[derive(Debug, Deserialize)]
@@ -67,31 +123,49 @@ struct ToldPlace<'a> {
     first: Option<u64>,
 }
 
-/// Speaks JSON with one sender and frames with the daemon.
-#[derive(Debug, Default)]
+/// Speaks JSON or CBOR with one sender and frames with the daemon.
+#[derive(Debug)]
 pub struct Translator {
+    language: Language,
     /// Names of the channels, by stream.
     channels: Vec<String>,
 }
 
 impl Translator {
+    /// For a sender that speaks so.
+    #[must_use]
+    pub fn new(language: Language) -> Self {
+        Self { language, channels: Vec::new() }
+    }
+
+    /// What it speaks.
+    #[must_use]
+    pub fn language(&self) -> Language {
+        self.language
+    }
+
     /// The frame for what the sender says.
     ///
     /// # Errors
-    /// What the sender is told if it is none, as JSON.
-    pub fn frame(&mut self, text: &str) -> Result<Vec<u8>, String> {
-        let wrong = |code: ErrorCode, text: &str| {
-            let told = Told::Error { code: code.name(), text };
-            serde_json::to_string(&told).unwrap_or_default()
-        };
-        let said: Said = serde_json::from_str(text)
-            .map_err(|error| wrong(ErrorCode::Malformed, &error.to_string()))?;
+    /// What the sender is told if it is none, in its language.
+    pub fn frame(&mut self, message: &[u8]) -> Result<Vec<u8>, Vec<u8>> {
+        self.understand(message).map_err(|(code, text)| {
+            let told = Told::Error { code: code.name(), text: &text };
+            self.language.write(&told).unwrap_or_default()
+        })
+    }
+
+    fn understand(&mut self, message: &[u8]) -> Result<Vec<u8>, (ErrorCode, String)> {
+        let wrong = |code: ErrorCode, text: &str| (code, text.to_owned());
+        let said = self.language.read(message)?;
         let mut frame = Vec::new();
         let encoded = match said {
             Said::Hello { machine, token, epoch, shaft_speed_hz, load, channels } => {
                 if channels.len() > MAX_CHANNELS {
-                    let text =
-                        format!("{} channels; JSON is for {MAX_CHANNELS} at most", channels.len());
+                    let text = format!(
+                        "{} channels; JSON and CBOR are for {MAX_CHANNELS} at most",
+                        channels.len()
+                    );
                     return Err(wrong(ErrorCode::TooLarge, &text));
                 }
                 self.channels = channels.iter().map(|channel| channel.name.clone()).collect();
@@ -127,7 +201,7 @@ impl Translator {
 
     /// What the sender is told by a frame of the daemon; `None`: it is none.
     #[must_use]
-    pub fn text(&self, frame: &[u8]) -> Option<String> {
+    pub fn told(&self, frame: &[u8]) -> Option<Vec<u8>> {
         let mut frames = Frames::default();
         frames.push(frame);
         let (message, _) = frames.take().ok()??;
@@ -159,23 +233,15 @@ impl Translator {
             Message::Problem(Problem { code, text }) => Told::Error { code: code.name(), text },
             Message::Hello(_) | Message::Block(_) | Message::Bye(_) | Message::Ping => return None,
         };
-        serde_json::to_string(&told).ok()
+        self.language.write(&told)
     }
 }
 
 impl SaidChannel {
     fn described(self) -> Channel {
         let range = self.range.and_then(|[low, high]| finite(low).zip(finite(high)));
-        Channel {
-            name: self.name,
-            rate_hz: self.rate_hz,
-            sample_type: SampleType::F64,
-            scale: 1.0,
-            offset: 0.0,
-            zero: 0.0,
-            range,
-            unit: self.unit,
-        }
+        let described = Channel::new(&self.name, self.rate_hz, SampleType::F64, &self.unit);
+        Channel { range, ..described }
     }
 }
 
@@ -186,14 +252,31 @@ mod tests {
     const HELLO: &str =
         r#"{"type":"hello","machine":"m","channels":[{"name":"x","rate_hz":10.0,"unit":"g"}]}"#;
 
+    /// A message in a language, as JSON says it.
+    fn said(language: Language, text: &str) -> Vec<u8> {
+        if language == Language::Json {
+            return text.as_bytes().to_vec();
+        }
+        let value: serde_json::Value = serde_json::from_str(text).unwrap();
+        let mut bytes = Vec::new();
+        ciborium::into_writer(&value, &mut bytes).unwrap();
+        bytes
+    }
+
     #[test]
-    fn what_is_said_in_json_is_what_frames_say() {
-        let mut translator = Translator::default();
+    fn what_is_said_in_json_or_cbor_is_what_frames_say() {
+        says_what_frames_say(Language::Json);
+        says_what_frames_say(Language::Cbor);
+    }
+
+    fn says_what_frames_say(language: Language) {
+        let mut translator = Translator::new(language);
         let mut frames = Frames::default();
-        frames.push(&translator.frame(HELLO).unwrap());
+        assert_eq!(Language::is_cbor(&said(language, HELLO)), language == Language::Cbor);
+        frames.push(&translator.frame(&said(language, HELLO)).unwrap());
         let block = r#"{"type":"block","channel":"x","sequence":3,"first":30,"time":"2023-11-14T22:13:20Z","samples":[1.5,null]}"#;
-        frames.push(&translator.frame(block).unwrap());
-        frames.push(&translator.frame(r#"{"type":"bye","end":true}"#).unwrap());
+        frames.push(&translator.frame(&said(language, block)).unwrap());
+        frames.push(&translator.frame(&said(language, r#"{"type":"bye","end":true}"#)).unwrap());
         let (Message::Hello(hello), _) = frames.take().unwrap().unwrap() else { panic!("hello") };
         assert_eq!((hello.machine.as_str(), hello.channels[0].unit.as_str()), ("m", "g"));
         let (Message::Block(block), _) = frames.take().unwrap().unwrap() else { panic!("block") };
@@ -207,20 +290,27 @@ mod tests {
         let wanted = vec![wire::Wanted { sequence: 3, index: 30 }];
         let message = Message::Welcome(wire::Welcome { credit_bytes: 9, wanted });
         wire::encode(&message, &mut welcome).unwrap();
-        let text = translator.text(&welcome).unwrap();
+        let told = translator.told(&welcome).unwrap();
         let expected = r#"{"type":"welcome","credit_bytes":9,"wanted":[{"channel":"x","sequence":3,"first":30}]}"#;
-        assert_eq!(text, expected);
+        let told: serde_json::Value = match language {
+            Language::Json => serde_json::from_slice(&told).unwrap(),
+            Language::Cbor => ciborium::from_reader(&told[..]).unwrap(),
+        };
+        assert_eq!(told, serde_json::from_str::<serde_json::Value>(expected).unwrap());
     }
 
     #[test]
     fn what_cannot_be_understood_is_told_with_its_code() {
-        let mut translator = Translator::default();
+        let mut translator = Translator::new(Language::Json);
+        let told = |translator: &mut Translator, said: &[u8]| {
+            String::from_utf8_lossy(&translator.frame(said).unwrap_err()).into_owned()
+        };
         for (said, code) in [
             ("{", "malformed"),
             (r#"{"type":"hello"}"#, "malformed"),
             (r#"{"type":"block","channel":"x","sequence":0,"first":0,"samples":[]}"#, "unexpected"),
         ] {
-            let told = translator.frame(said).unwrap_err();
+            let told = told(&mut translator, said.as_bytes());
             assert!(told.contains(&format!(r#""code":"{code}""#)), "{said}: {told}");
         }
         let channel = r#"{"name":"x","rate_hz":1.0},"#.repeat(101);
@@ -228,6 +318,18 @@ mod tests {
             r#"{{"type":"hello","machine":"m","channels":[{}]}}"#,
             channel.trim_end_matches(',')
         );
-        assert!(translator.frame(&many).unwrap_err().contains("too-large"));
+        assert!(told(&mut translator, many.as_bytes()).contains("too-large"));
+        // In CBOR: cut off, with something behind it, nested deep, longer than any block, of a length that it has not.
+        let mut translator = Translator::new(Language::Cbor);
+        let hello = super::tests::said(Language::Cbor, HELLO);
+        let behind = [&hello[..], &[0]].concat();
+        let deep = [&[0xa1, 0x61, b'x'][..], &[0x81; 100_000]].concat();
+        let long = vec![0xbf; MAX_CBOR_BYTES + 1];
+        let lying = [0xbb, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff];
+        let malformed: [&[u8]; 4] = [&hello[..hello.len() - 1], &behind, &deep, &lying];
+        for said in malformed {
+            assert!(told(&mut translator, said).contains("malformed"));
+        }
+        assert!(told(&mut translator, &long).contains("too-large"));
     }
 }

@@ -4,6 +4,7 @@ use super::names::DetectorName;
 use super::{KindName, TierName, finite, rfc3339};
 use crate::ingest::live::intake::ChannelStatus;
 use crate::ingest::live::ledger::Ledger;
+use crate::signal::Timestamp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -92,6 +93,8 @@ pub struct LedgerWire {
     pub blocks: u64,
     /// Blocks that had not come when later ones did.
     pub blocks_lost: u64,
+    /// When counting began, RFC 3339: at the channel's first hello since the start of the daemon. A restart counts from 0 again.
+    pub counted_since: String,
     /// How much more samples a second of the wall clock come than stated, parts in a million; null: too little is known.
     pub clock_drift_ppm: Option<f64>,
     /// Samples a second by the wall clock.
@@ -108,31 +111,25 @@ impl LedgerWire {
     /// Makes it of a channel's status.
     #[must_use]
     pub fn new(status: &ChannelStatus) -> Self {
-        let Ledger {
-            received,
-            used,
-            late,
-            duplicate,
-            not_finite,
-            out_of_range,
-            dropped,
-            lost,
-            gaps,
-            clipped,
-            blocks,
-            blocks_lost,
-        } = status.ledger;
         let clock = status.clock;
-        let measured_hz = clock.map(|clock| clock.rate_hz(status.rate_hz));
-        let is_wrong = clock.is_some_and(|clock| clock.is_wrong_rate());
-        let warning = measured_hz.filter(|_| is_wrong).map(|measured_hz| {
-            format!(
-                "{measured_hz:.3} samples a second come and {} are stated: all frequencies are off by as much",
-                status.rate_hz
-            )
-        });
         let (sender, since) = status.sender.clone().unzip();
-        Self {
+        let at = |time: Timestamp| rfc3339(Some(time), 0.0);
+        // Every count there is, each named once.
+        macro_rules! with_counts {
+            ($($count:ident),*) => {{
+                let Ledger { $($count),* } = status.ledger;
+                Self {
+                    $($count,)*
+                    counted_since: at(status.counted_since),
+                    clock_drift_ppm: clock.and_then(|clock| finite(clock.ppm)),
+                    measured_rate_hz: clock.and_then(|clock| finite(clock.rate_hz(status.rate_hz))),
+                    warning: clock.and_then(|clock| clock.doubt(status.rate_hz)),
+                    sender,
+                    sender_since: since.map(at),
+                }
+            }};
+        }
+        with_counts!(
             received,
             used,
             late,
@@ -144,13 +141,8 @@ impl LedgerWire {
             gaps,
             clipped,
             blocks,
-            blocks_lost,
-            clock_drift_ppm: clock.and_then(|clock| finite(clock.ppm)),
-            measured_rate_hz: measured_hz.and_then(finite),
-            warning,
-            sender,
-            sender_since: since.map(|since| rfc3339(Some(since), 0.0)),
-        }
+            blocks_lost
+        )
     }
 }
 

@@ -57,6 +57,13 @@ pub enum SendError {
     },
 }
 
+impl SendError {
+    /// Whether what is refused now may be granted in a while.
+    fn may_pass(&self) -> bool {
+        matches!(self, Self::Refused { code: ErrorCode::ChannelTaken, .. })
+    }
+}
+
 /// A block that is not settled.
 #[derive(Debug)]
 struct Kept {
@@ -208,14 +215,19 @@ impl Sender {
     fn reconnect(&mut self) -> Result<(), SendError> {
         let (begun, mut wait) = (now(), BACK_OFF.0);
         self.n_reconnects += 1;
+        let is_first = self.n_reconnects == 1 && self.kept.is_empty();
         loop {
-            let source = match self.greet() {
+            let error = match self.greet() {
                 Ok(()) => return Ok(()),
-                Err(Broken::Fatal(error)) => return Err(error),
-                Err(Broken::Line(error)) => error,
+                // Somebody was faster after a break, such as a connection of before it that the daemon has not missed yet.
+                Err(Broken::Fatal(error)) if is_first || !error.may_pass() => return Err(error),
+                Err(Broken::Fatal(error)) => error,
+                Err(Broken::Line(source)) => {
+                    SendError::Unreachable { address: self.address.url(), source }
+                }
             };
             if now().saturating_duration_since(begun) > GIVE_UP {
-                return Err(SendError::Unreachable { address: self.address.url(), source });
+                return Err(error);
             }
             thread::sleep(wait);
             wait = (2 * wait).min(BACK_OFF.1);

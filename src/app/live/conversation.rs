@@ -78,13 +78,17 @@ pub(super) fn run(seat: &Seat, peer: &str, transport: &mut impl Transport) {
         out: Vec::new(),
     };
     let ending = conversation.listen();
-    if let Some(port) = conversation.port.take() {
-        port.leave(seat.session, conversation.has_ended);
-        tracing::info!(machine = port.machine(), peer, "a sender has gone");
-    }
+    conversation.leave();
     if let Err(Ending::Refused(refusal)) = ending {
         hub.note_refusal(peer, &refusal);
         refuse(conversation.transport, &refusal);
+    }
+}
+
+/// Should the conversation panic, its channels are free again all the same.
+impl<T> Drop for Conversation<'_, T> {
+    fn drop(&mut self) {
+        self.leave();
     }
 }
 
@@ -95,6 +99,16 @@ pub(super) fn refuse(transport: &mut impl Transport, refusal: &Refusal) {
     if wire::encode(&problem, &mut out).is_ok() {
         // It may be gone already.
         let _gone = transport.send(&out);
+    }
+}
+
+impl<T> Conversation<'_, T> {
+    /// Gives up the channels, if it has any.
+    fn leave(&mut self) {
+        if let Some(port) = self.port.take() {
+            port.leave(self.id, self.has_ended);
+            tracing::info!(machine = port.machine(), peer = self.peer, "a sender has gone");
+        }
     }
 }
 

@@ -16,10 +16,12 @@ pub mod opening;
 pub mod pipe;
 mod port;
 pub mod tcp;
+pub mod values;
 
 pub(super) use port::Port;
 pub(super) use port::PortPlan;
 
+use super::client::ClientError;
 use super::stop::Stop;
 use crate::config::Ingest;
 use crate::config::Token;
@@ -38,6 +40,7 @@ use std::sync::atomic::AtomicU64;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+use values::Listener;
 
 /// How long before the start of the daemon stream time begins: what senders buffered while it was down has its place.
 const BEFORE_START_S: f64 = 86_400.0;
@@ -126,12 +129,11 @@ impl Hub {
     /// The machine that a sender names.
     fn port(&self, machine: &str) -> Result<&Arc<Port>, Refusal> {
         // A sender that names none means the only one there is.
-        if let (true, 1) = (machine.is_empty(), self.ports.len())
-            && let Some(only) = self.ports.values().next()
-        {
+        let mut listening = self.ports.values().filter(|port| port.live().listens);
+        if let (true, Some(only), None) = (machine.is_empty(), listening.next(), listening.next()) {
             return Ok(only);
         }
-        self.ports.get(machine).ok_or_else(|| {
+        self.ports.get(machine).filter(|port| port.live().listens).ok_or_else(|| {
             let shown: String = machine.chars().take(100).collect();
             let text = format!("no machine {shown:?} has a source of the kind \"tcp\"");
             Refusal::new(ErrorCode::UnknownMachine, text)
@@ -159,6 +161,24 @@ impl Hub {
         for port in self.ports.values() {
             port.count(metrics);
         }
+    }
+
+    /// What listens to the brokers of all machines, each for a thread of its own.
+    ///
+    /// # Errors
+    /// When certificates cannot be read.
+    pub(super) fn listeners(self: &Arc<Self>) -> Result<Vec<Listener>, ClientError> {
+        let of_port = |port: &Arc<Port>| {
+            let port = Arc::clone(port);
+            let brokers = port.live().brokers.clone();
+            brokers.into_iter().map(move |broker| Listener::new(self, &port, &broker))
+        };
+        self.ports.values().flat_map(of_port).collect()
+    }
+
+    /// Whether senders may connect.
+    pub(super) fn listens(&self) -> bool {
+        self.ports.values().any(|port| port.live().listens)
     }
 
     /// Connections there are.
@@ -242,3 +262,6 @@ impl Room {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod opening_tests;

@@ -103,7 +103,8 @@ impl Opener {
             history: alarms.history().iter().cloned().collect(),
             last_id: alarms.last_id(),
             last_sequence: alarms.last_sequence(),
-            judged_until_s: None,
+            // Stream time goes on; what senders with other buffers say again of a time that was judged is no news.
+            judged_until_s: alarms.judged_until_s(),
             decisions: self.kept.take().or_else(|| Some(alarms.decisions())),
             advance: alarms.advance().to_vec(),
             last_advance: alarms.last_advance(),
@@ -117,6 +118,9 @@ impl Opener {
         let capturer = self.capturer.clone();
         let capturing =
             capturer.and_then(|capturer| stores::capturing(config, entry, info, capturer));
+        if let Some(capturing) = &capturing {
+            capturing.prepare(&mut monitor);
+        }
         let trends = self.trends.clone();
         let trending = Trending::new(trends, &entry.machine.id, &self.key, &info.channels);
         Ok(Fresh { monitor, alarm_events, capturing, trending })

@@ -11,7 +11,9 @@ use crate::app::recording::Recording;
 use crate::app::trouble::Troubles;
 use crate::capture::recording::store::Store as Recordings;
 use crate::config::Config;
+use crate::config::Live;
 use crate::config::MachineConfig;
+use crate::config::SourceConfig;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::intake::Arrived;
 use crate::ingest::live::intake::Intake;
@@ -51,9 +53,21 @@ pub(in crate::app) struct PortPlan {
 }
 
 /// One machine's way.
+///
+/// Who needs both locks takes that of the recorder first: a disk may keep it for long, and who only asks how the senders are
+/// doing does not wait for it.
 pub(in crate::app) struct Port {
     plan: PortPlan,
+    live: Live,
+    recorder: Mutex<Recorder>,
     state: Mutex<State>,
+}
+
+/// What is recorded of the stream that is open.
+#[derive(Default)]
+pub(super) struct Recorder {
+    info: Option<StreamInfo>,
+    recording: Option<Recording>,
 }
 
 impl std::fmt::Debug for Port {
@@ -64,12 +78,11 @@ impl std::fmt::Debug for Port {
 
 struct State {
     intake: Intake,
-    /// The stream that is open.
-    info: Option<StreamInfo>,
-    recording: Option<Recording>,
     /// What the shard and the metrics know of each channel.
     told: BTreeMap<String, (u64, u64)>,
     told_at: Instant,
+    /// What the shard knows of clocks that run wrong.
+    doubts: Vec<String>,
     counted: BTreeMap<String, Ledger>,
 }
 
@@ -91,13 +104,16 @@ impl Port {
         let intake = Intake::new(machine, plan.origin, keeps_received);
         let state = State {
             intake,
-            info: None,
-            recording: None,
             told: BTreeMap::new(),
             told_at: crate::app::now(),
+            doubts: Vec::new(),
             counted: BTreeMap::new(),
         };
-        Self { plan, state: Mutex::new(state) }
+        let live = match &plan.entry.source {
+            SourceConfig::Live(live) => live.clone(),
+            SourceConfig::Replay(_) | SourceConfig::Simulated(_) => Live::default(),
+        };
+        Self { plan, live, recorder: Mutex::default(), state: Mutex::new(state) }
     }
 
     /// The machine's id.
@@ -105,8 +121,17 @@ impl Port {
         &self.plan.entry.machine.id
     }
 
+    /// From where its samples come.
+    pub(super) fn live(&self) -> &Live {
+        &self.live
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn recorder(&self) -> MutexGuard<'_, Recorder> {
+        self.recorder.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// How full the queue before the analysis is.
@@ -122,6 +147,7 @@ impl Port {
         (peer, arrived): (&str, Arrived),
         hello: &wire::Hello,
     ) -> Result<Option<Vec<wire::Wanted>>, Refusal> {
+        let mut recorder = self.recorder();
         let mut state = self.lock();
         if !self.plan.link.keep_room(BLOCK_OVERHEAD).map_err(|Closed| stopping())? {
             return Ok(None);
@@ -135,25 +161,26 @@ impl Port {
         let inputs = opened.clone().map(|info| Input::Open(Box::new(info)));
         self.plan.link.send_kept(inputs, BLOCK_OVERHEAD).map_err(|Closed| stopping())?;
         let admitted = admitted?;
+        drop(state);
         if let Some(info) = opened {
-            self.finish_recording_of(&mut state);
+            recorder.finish();
             tracing::info!(
                 machine = self.machine(),
                 peer,
                 n_channels = info.channels.len(),
                 "a stream was opened"
             );
-            state.info = Some(info);
+            recorder.info = Some(info);
         } else {
             tracing::info!(machine = self.machine(), peer, "a sender goes on");
         }
-        self.record(&mut state);
+        self.record(&mut recorder);
         Ok(Some(admitted.wanted))
     }
 
     /// Begins to record, if that is wanted and not done.
-    fn record(&self, state: &mut State) {
-        let State { recording, info: Some(info), .. } = state else { return };
+    fn record(&self, recorder: &mut Recorder) {
+        let Recorder { recording, info: Some(info) } = recorder else { return };
         let Some(store) = self.plan.recordings.as_ref().filter(|_| recording.is_none()) else {
             return;
         };
@@ -172,6 +199,7 @@ impl Port {
     ) -> Result<Became, Refusal> {
         // As samples in single precision, as they came, and what stands around both.
         let kept = block.samples.len() * size_of::<f32>() + 2 * n_bytes + BLOCK_OVERHEAD;
+        let mut recorder = self.recorder();
         let mut state = self.lock();
         let has_room = self.plan.link.keep_room(kept).map_err(|Closed| stopping())?;
         if !has_room && within_credit {
@@ -190,25 +218,31 @@ impl Port {
             self.plan.link.note_dropped(block.samples.len() as u64);
         }
         let received = taken.received.map(Arc::new);
-        if let (Some(run), Some(recording)) = (&received, &mut state.recording) {
-            recording.take(crate::capture::received::Received::clone(run));
-        }
         let is_captured = self.plan.config.captures.is_some();
         let now = crate::app::now();
-        let inputs = received.filter(|_| is_captured).map(Input::Received);
+        let inputs = received.clone().filter(|_| is_captured).map(Input::Received);
         let blocks = taken.blocks.into_iter().map(|block| Input::Block(block, now));
         let inputs = inputs.into_iter().chain(blocks);
         self.plan.link.send_kept(inputs, kept).map_err(|Closed| stopping())?;
-        self.tell_rejected(&mut state, false);
+        self.tell(&mut state, false);
+        drop(state);
+        if let (Some(run), Some(recording)) = (received, &mut recorder.recording) {
+            recording.take(Arc::unwrap_or_clone(run));
+        }
         Ok(Became::Settled(sequence))
     }
 
-    /// Lets the shard know what was rejected, at times.
-    fn tell_rejected(&self, state: &mut State, now: bool) {
+    /// Lets the shard know what was rejected and whose clock runs wrong, at times.
+    fn tell(&self, state: &mut State, now: bool) {
         if !now && crate::app::now().saturating_duration_since(state.told_at) < TELL_EVERY {
             return;
         }
         state.told_at = crate::app::now();
+        let doubts = state.intake.doubts();
+        if doubts != state.doubts {
+            state.doubts.clone_from(&doubts);
+            let _closed = self.plan.link.send_kept([Input::Doubts(doubts)], 0);
+        }
         let State { intake, told, .. } = state;
         let (mut not_finite, mut out_of_range) = (0, 0);
         let bad = |(_, ledger): &(&str, &Ledger)| ledger.not_finite + ledger.out_of_range > 0;
@@ -232,9 +266,8 @@ impl Port {
 
     /// Lets time pass.
     pub(super) fn tick(&self) {
-        let mut state = self.lock();
-        self.tell_rejected(&mut state, false);
-        if let Some(recording) = &mut state.recording
+        self.tell(&mut self.lock(), false);
+        if let Some(recording) = &mut self.recorder().recording
             && recording.flush_due().is_some_and(|due| due <= crate::app::now())
         {
             recording.tick();
@@ -243,26 +276,22 @@ impl Port {
 
     /// A sender has gone; `has_ended`: its stream is complete.
     pub(super) fn leave(&self, session: u64, has_ended: bool) {
+        let mut recorder = self.recorder();
         let mut state = self.lock();
-        self.tell_rejected(&mut state, true);
+        self.tell(&mut state, true);
         if !state.intake.leave(session) {
             return;
         }
-        self.finish_recording_of(&mut state);
         if has_ended {
             let _closed = self.plan.link.send_kept([Input::Source(SourceState::Finished)], 0);
         }
-    }
-
-    fn finish_recording_of(&self, state: &mut State) {
-        if let Some(recording) = state.recording.take() {
-            recording.finish();
-        }
+        drop(state);
+        recorder.finish();
     }
 
     /// Completes what is recorded.
     pub(super) fn finish_recording(&self) {
-        self.finish_recording_of(&mut self.lock());
+        self.recorder().finish();
     }
 
     /// How the senders are doing.
@@ -274,20 +303,29 @@ impl Port {
     /// Brings the counters up to date.
     pub(super) fn count(&self, metrics: &Metrics) {
         let mut state = self.lock();
-        for channel in state.intake.status() {
-            let before = state.counted.entry(channel.name.clone()).or_default();
-            let fates = channel.ledger.fates().into_iter().zip(before.fates());
-            for ((fate, n), (_, told)) in fates {
-                // A channel that was given up and came again counts from 0.
-                let more = n.checked_sub(told).unwrap_or(n);
-                if more > 0 {
-                    metrics.ingested(self.machine(), &channel.name, fate).inc_by(more);
-                }
+        let State { intake, counted, .. } = &mut *state;
+        for (name, ledger) in intake.ledgers() {
+            // Counts of a name only rise, whatever becomes of its stream.
+            let before = counted.entry(name.to_owned()).or_default();
+            let fates = ledger.fates().into_iter().zip(before.fates());
+            for ((fate, n), (_, told)) in fates.filter(|((_, n), (_, told))| n > told) {
+                metrics.ingested(self.machine(), name, fate).inc_by(n.saturating_sub(told));
             }
-            *before = channel.ledger;
+            *before = *ledger;
+        }
+        for channel in intake.status() {
             if let Some(clock) = channel.clock {
                 metrics.clock_drift(self.machine(), &channel.name).set(clock.ppm);
             }
+        }
+    }
+}
+
+impl Recorder {
+    /// Completes the file.
+    fn finish(&mut self) {
+        if let Some(recording) = self.recording.take() {
+            recording.finish();
         }
     }
 }

@@ -6,6 +6,7 @@ use super::PortPlan;
 use super::Room;
 use super::client::SendError;
 use super::client::Sender;
+use super::conversation;
 use super::line::Address;
 use super::tcp;
 use crate::app::link::Input;
@@ -18,6 +19,7 @@ use crate::app::trouble::Troubles;
 use crate::config::Config;
 use crate::config::FileText;
 use crate::config::Ingest;
+use crate::config::Live;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
 use crate::config::Token;
@@ -52,6 +54,7 @@ struct Running {
     port: Arc<Port>,
     queue: Arc<ShardQueue>,
     metrics: Arc<Metrics>,
+    hub: Arc<Hub>,
     stop: Arc<Stop>,
     listening: JoinHandle<()>,
 }
@@ -64,7 +67,7 @@ fn running(queue_bytes: usize, ingest: Ingest) -> Running {
         text: FileText::default(),
         machine: machine("rig-1"),
         baseline: Vec::new(),
-        source: SourceConfig::Tcp,
+        source: SourceConfig::Live(Live::listening()),
     };
     let config = Config { captures: None, ..Config::default() };
     let port = Arc::new(Port::new(PortPlan {
@@ -80,12 +83,13 @@ fn running(queue_bytes: usize, ingest: Ingest) -> Running {
     }));
     let stop = Arc::new(Stop::default());
     let hub = Hub::new(&ingest, vec![Arc::clone(&port)], metrics.ingest(), Arc::clone(&stop));
+    let hub = Arc::new(hub);
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.set_nonblocking(true).unwrap();
     let address = listener.local_addr().unwrap();
-    let stopped = Arc::clone(&stop);
-    let listening = thread::spawn(move || tcp::run(&listener, &Arc::new(hub), &stopped));
-    Running { address, port, queue, metrics, stop, listening }
+    let (stopped, listened) = (Arc::clone(&stop), Arc::clone(&hub));
+    let listening = thread::spawn(move || tcp::run(&listener, &listened, &stopped));
+    Running { address, port, queue, metrics, hub, stop, listening }
 }
 
 impl Running {
@@ -117,18 +121,7 @@ impl Running {
 }
 
 fn hello(epoch: u64) -> Hello {
-    let channel = Channel {
-        name: "x".to_owned(),
-        rate_hz: 1e6,
-        sample_type: SampleType::I16,
-        scale: 1.0,
-        offset: 0.0,
-        zero: 0.0,
-        range: None,
-        unit: String::new(),
-    };
-    let (machine, token) = ("rig-1".to_owned(), String::new());
-    Hello { machine, token, epoch, shaft_speed_hz: None, load: None, channels: vec![channel] }
+    Hello::new("rig-1", epoch, vec![Channel::new("x", 1e6, SampleType::I16, "")])
 }
 
 /// Samples of a block.
@@ -301,6 +294,85 @@ fn a_broken_connection_goes_on_where_it_was_and_a_wrong_checksum_costs_no_sample
     wait_for(|| running.ledger().duplicate == N);
     assert_eq!((running.ledger().used, running.ledger().lost), (3 * N, 0));
     running.end();
+}
+
+#[test]
+fn a_disk_that_takes_its_time_delays_nothing_that_answers() {
+    let running = running(1 << 30, Ingest::default());
+    let mut raw = Raw::greeted(running.address, 1);
+    // As if the recorder stood in a write: whoever sends waits, who asks does not.
+    let writing = running.port.recorder();
+    raw.stream.write_all(&frame(0)).unwrap();
+    assert_eq!(running.port.view().n_senders, 1);
+    running.port.count(&running.metrics);
+    assert_eq!(running.ledger().received, 0, "it waits for the recorder");
+    drop(writing);
+    wait_for(|| running.ledger().used == N);
+    running.end();
+}
+
+/// Says hello, then falls over.
+struct Falling(bool);
+
+impl conversation::Transport for Falling {
+    fn receive(&mut self, frames: &mut Frames) -> std::io::Result<Option<usize>> {
+        assert!(!std::mem::replace(&mut self.0, true), "as a mistake of ours would");
+        let mut bytes = Vec::new();
+        wire::encode(&Message::Hello(hello(1)), &mut bytes).unwrap();
+        frames.push(&bytes);
+        Ok(Some(bytes.len()))
+    }
+
+    fn send(&mut self, _: &[u8]) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_conversation_that_panics_gives_its_channels_up() {
+    let running = running(1 << 30, Ingest::default());
+    let seat = running.hub.enter().unwrap();
+    let talk = thread::spawn(move || conversation::run(&seat, "here", &mut Falling(false)));
+    assert!(talk.join().is_err());
+    assert_eq!(running.port.view().n_senders, 0);
+    assert_eq!(running.hub.n_connections(), 0);
+    Raw::greeted(running.address, 2);
+    running.end();
+}
+
+#[test]
+fn a_sender_that_comes_back_waits_for_its_channel_and_one_that_is_new_is_told() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let daemon = thread::spawn(move || {
+        let welcome = || {
+            let wanted = vec![wire::Wanted { sequence: 0, index: 0 }];
+            Message::Welcome(wire::Welcome { credit_bytes: 1 << 20, wanted })
+        };
+        let taken =
+            || Message::Problem(wire::Problem::new(ErrorCode::ChannelTaken, "by another one"));
+        let greet = |answer: Message<'_>| {
+            let mut raw = Raw { stream: listener.accept().unwrap().0, frames: Frames::default() };
+            raw.until(|message| matches!(message, Message::Hello(_)).then_some(()));
+            raw.say(&answer);
+            raw
+        };
+        drop(greet(taken()));
+        drop(greet(welcome()));
+        // The line broke, and somebody else has the channel, twice.
+        drop((greet(taken()), greet(taken())));
+        let mut raw = greet(welcome());
+        raw.until(|message| matches!(message, Message::Block(_)).then_some(()));
+        let progress = vec![wire::Progress { stream: 0, sequence: 1 }];
+        raw.say(&Message::Ack(wire::Ack { credit_bytes: 1 << 20, progress }));
+        raw.until(|message| matches!(message, Message::Bye(_)).then_some(()));
+    });
+    let refused = Sender::connect(&address, hello(1)).unwrap_err();
+    assert!(matches!(refused, SendError::Refused { code: ErrorCode::ChannelTaken, .. }));
+    let mut sender = Sender::connect(&address, hello(1)).unwrap();
+    send(&mut sender, 0).unwrap();
+    sender.finish(Bye::End).unwrap();
+    daemon.join().unwrap();
 }
 
 #[test]

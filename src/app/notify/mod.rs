@@ -9,6 +9,7 @@ mod mqtt;
 mod states;
 
 use super::Clock;
+use super::broker;
 use super::keeper::Keeper;
 use super::start_error::StartError;
 use crate::api::view::EventsHandle;
@@ -161,7 +162,7 @@ impl Receiver {
     fn check(&self) -> Result<(), StartError> {
         let checked = match self {
             Self::Webhook(webhook) => webhook::agent(webhook).map(drop),
-            Self::Broker(broker) => mqtt::transport(broker).map(drop),
+            Self::Broker(one) => broker::transport(&one.connection).map(drop),
         };
         checked.map_err(|source| StartError::Notify { receiver: self.name().to_owned(), source })
     }

@@ -11,14 +11,13 @@ use super::states::States;
 use crate::api::view::MachineHandle;
 use crate::api::wire::events::HappenedWire;
 use crate::app::Clock;
-use crate::app::client;
+use crate::app::broker;
 use crate::app::client::ClientError;
 use crate::notify::Answer;
 use crate::notify::settings::Broker;
 use crate::notify::topics::Topics;
 use crate::signal::Timestamp;
 use rumqttc::AsyncClient;
-use rumqttc::ConnectionError;
 use rumqttc::Event;
 use rumqttc::EventLoop;
 use rumqttc::Incoming;
@@ -26,7 +25,6 @@ use rumqttc::LastWill;
 use rumqttc::MqttOptions;
 use rumqttc::PublishOptions;
 use rumqttc::QoS;
-use rumqttc::TlsConfiguration;
 use rumqttc::Transport;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -39,15 +37,6 @@ const CAPACITY: usize = 64;
 
 /// Retained alarms of before that may wait to be looked at.
 const MAX_FOUND: usize = 1024;
-
-/// Longest message that is read or written, bytes.
-const MAX_PACKET_BYTES: usize = 256 * 1024;
-
-/// Silence after which the broker is asked whether it is there, s.
-const KEEP_ALIVE_S: u16 = 30;
-
-/// Longest time to connect, s.
-const CONNECT_S: u64 = 10;
 
 /// Longest time for an acknowledgement.
 const ACKNOWLEDGE: Duration = Duration::from_secs(30);
@@ -71,15 +60,6 @@ pub(super) struct Publisher {
     clock: Clock,
 }
 
-/// How a broker is reached.
-pub(super) fn transport(settings: &Broker) -> Result<Transport, ClientError> {
-    if !settings.tls {
-        return Ok(Transport::tcp());
-    }
-    let tls = client::tls(settings.ca_file.as_deref())?;
-    Ok(Transport::tls_with_config(TlsConfiguration::Rustls(tls)))
-}
-
 impl Publisher {
     pub(super) fn new(
         settings: Broker,
@@ -87,7 +67,7 @@ impl Publisher {
         stored: watch::Receiver<u64>,
         clock: Clock,
     ) -> Result<Self, ClientError> {
-        let transport = transport(&settings)?;
+        let transport = broker::transport(&settings.connection)?;
         let topics = Topics::new(&settings.prefix);
         Ok(Self { settings, transport, topics, follower, stored, clock })
     }
@@ -124,16 +104,9 @@ impl Publisher {
     }
 
     fn options(&self) -> MqttOptions {
-        let broker = (self.settings.host.clone(), self.settings.port);
-        let mut options = MqttOptions::new(self.settings.client_id.clone(), broker);
-        options.set_keep_alive(KEEP_ALIVE_S);
-        options.set_max_packet_size(MAX_PACKET_BYTES, MAX_PACKET_BYTES);
-        options.set_transport(self.transport.clone());
+        let mut options = broker::options(&self.settings.connection, self.transport.clone());
         let will = LastWill::new(self.topics.availability(), "offline", QoS::AtLeastOnce, true);
         options.set_last_will(will);
-        if let Some((user, password)) = &self.settings.credentials {
-            options.set_credentials(user.clone(), password.reveal().to_vec());
-        }
         options
     }
 
@@ -145,7 +118,7 @@ impl Publisher {
     ) -> Result<Stopped, String> {
         let (client, mut connection) =
             AsyncClient::builder(self.options()).capacity(CAPACITY).build();
-        connection.network_options.set_connection_timeout(CONNECT_S);
+        connection.network_options.set_connection_timeout(broker::CONNECT_S);
         tokio::select! {
             () = stop.cancelled() => return Ok(Stopped),
             connected = connect(&mut connection) => connected?,
@@ -251,7 +224,7 @@ async fn connect(connection: &mut EventLoop) -> Result<(), String> {
         match connection.poll().await {
             Ok(Event::Incoming(Incoming::ConnAck(_))) => return Ok(()),
             Ok(_) => {}
-            Err(error) => return Err(why(&error).to_owned()),
+            Err(error) => return Err(broker::why(&error).to_owned()),
         }
     }
 }
@@ -271,7 +244,7 @@ async fn drive(connection: &mut EventLoop, found: &mpsc::Sender<String>) -> Stri
                 }
             }
             Ok(_) => {}
-            Err(error) => return why(&error).to_owned(),
+            Err(error) => return broker::why(&error).to_owned(),
         }
     }
 }
@@ -290,21 +263,5 @@ async fn put(
         Ok(Ok(_)) => Ok(()),
         Ok(Err(_)) => Err("the connection broke".to_owned()),
         Err(_) => Err("does not acknowledge in time".to_owned()),
-    }
-}
-
-/// Nothing of an address or a secret is in what a failure says.
-#[expect(clippy::wildcard_enum_match_arm, reason = "a library's errors may become more")]
-fn why(error: &ConnectionError) -> &'static str {
-    match error {
-        ConnectionError::NetworkTimeout | ConnectionError::FlushTimeout => {
-            "does not answer in time"
-        }
-        ConnectionError::ConnectionRefused(_) => {
-            "refuses the connection: client id, user or password"
-        }
-        ConnectionError::Tls(_) => "its certificate or TLS is not accepted",
-        ConnectionError::Io(error) => client::why_io(error.kind()),
-        _ => "the connection broke",
     }
 }

@@ -1,5 +1,6 @@
 //! Verdict on a gear: energy that stays at one place of the revolution.
 
+use super::Beside;
 use super::accuse;
 use super::acquit;
 use super::cannot_look;
@@ -22,13 +23,15 @@ use crate::features::WindowFeatures;
 use crate::features::gear::GearReading;
 use crate::machine::GearIndex;
 use crate::machine::ShaftIndex;
+use crate::machine::bearing::RotatingRing;
 
 pub(super) fn judge_gear(
     gear: GearIndex,
-    all_signs: &[ShaftSigns],
+    beside: Beside<'_>,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> ComponentDiagnosis {
+    let all_signs = beside.shafts;
     let id = &context.machine.gear(gear).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Gear, String::new());
     if let Some(why) = cannot_look(features, context, "no baseline") {
@@ -70,6 +73,15 @@ pub(super) fn judge_gear(
         verdict.why = format!(
             "the localised difference signal is {:.1} times its baseline, but {moved} whirls near its first critical \
              speed and strikes the mesh once a turn: not separable",
+            local.ratio
+        );
+        return verdict;
+    }
+    let is_short = || reading.is_some_and(|r| gear_place::is_short(r, features, context));
+    if let Some(bearing) = struck_by(shaft, beside.bearings, context).filter(|_| !is_short()) {
+        verdict.why = format!(
+            "the localised difference signal is {:.1} times its baseline in {heard_in}, but not in all orders, and the \
+             defect of bearing {bearing} comes into the load once a turn: not separable",
             local.ratio
         );
         return verdict;
@@ -206,6 +218,28 @@ fn moved_by(
             && all_signs[s.0].displacement.as_ref().is_some_and(Indicator::is_up)
     };
     (0..all_signs.len()).map(ShaftIndex).find(moves)
+}
+
+/// The id of a bearing at the mesh's speed whose turning race is damaged, or may be (J8).
+fn struck_by<'b>(
+    shaft: ShaftIndex,
+    bearings: &'b [ComponentDiagnosis],
+    context: &Context<'_>,
+) -> Option<&'b str> {
+    let is_struck = |verdict: &&ComponentDiagnosis| {
+        let described = context.machine.bearings.iter().find(|b| b.id == verdict.id);
+        let Some(bearing) = described.filter(|_| verdict.state.is_accusation()) else {
+            return false;
+        };
+        let turning = match bearing.rotating_ring {
+            RotatingRing::Inner => FaultMode::InnerRace,
+            RotatingRing::Outer => FaultMode::OuterRace,
+        };
+        let is_turning = verdict.fault.is_none_or(|fault| fault == turning)
+            || verdict.other_faults.iter().any(|other| other.fault == turning);
+        is_turning && same_speed(bearing.shaft, shaft, context)
+    };
+    bearings.iter().find(is_struck).map(|verdict| verdict.id.as_str())
 }
 
 /// The id of a shaft of the mesh's speed whose own motion loads the mesh once a turn: its displacement is

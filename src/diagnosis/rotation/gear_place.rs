@@ -222,6 +222,25 @@ pub(super) fn growth(
     Some(Growth { largest, wear })
 }
 
+/// Whether the energy at one place has grown in all the orders that were read, as a blow's does; what a smooth load once a
+/// turn adds lies in the low ones (J8).
+pub(super) fn is_short(
+    found: &GearReading,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let machine = context.machine;
+    let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
+    let channel_name = context.channel_name(found.channel);
+    let Some(channel) = features.channel(found.channel) else { return false };
+    let ratio = |part: Part| {
+        let name = gear::local_name(part, gear, shaft);
+        let value = channel.get(&name)?;
+        Some(context.baseline.compare(channel_name, &name, value)?.ratio)
+    };
+    Part::ALL.into_iter().filter_map(ratio).all(|ratio| ratio >= UP_RATIO)
+}
+
 /// Whether energy at one place has grown more than the mesh itself.
 pub(super) fn outgrows(ratio: f64, mesh: Option<&Growth>) -> bool {
     mesh.is_none_or(|mesh| {

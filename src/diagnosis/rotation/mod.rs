@@ -40,9 +40,13 @@ const UNNAMED_CONFIDENCE: f64 = 0.9;
 /// Most confidence in a cause that is proven.
 const NAMED_CONFIDENCE: f64 = 0.85;
 
-/// Judges every shaft and gear.
+/// Judges every shaft and gear; `bearings`: what was said of the bearings before.
 #[must_use]
-pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
+pub fn judge(
+    features: &WindowFeatures,
+    bearings: &[ComponentDiagnosis],
+    context: &Context<'_>,
+) -> Vec<ComponentDiagnosis> {
     let machine = context.machine;
     let signs: Vec<ShaftSigns> =
         (0..machine.shafts.len()).map(|s| signs::signs(ShaftIndex(s), features, context)).collect();
@@ -51,10 +55,20 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
         .enumerate()
         .map(|(s, signs)| shaft::judge_shaft(ShaftIndex(s), signs, features, context))
         .collect();
+    let beside = Beside { shafts: &signs, bearings };
     verdicts.extend(
-        (0..machine.gears.len()).map(|g| gear::judge_gear(GearIndex(g), &signs, features, context)),
+        (0..machine.gears.len()).map(|g| gear::judge_gear(GearIndex(g), beside, features, context)),
     );
     verdicts
+}
+
+/// What else is known of the machine when a gear is judged.
+#[derive(Clone, Copy)]
+struct Beside<'a> {
+    /// Signs of every shaft.
+    shafts: &'a [ShaftSigns],
+    /// Verdicts on bearings.
+    bearings: &'a [ComponentDiagnosis],
 }
 
 /// Whether a probe sees that a shaft moves more than it did: its 1× displacement is up.

@@ -110,7 +110,7 @@ fn told<T>(
 fn judged(law: ShaftLaw, with_baseline: bool, steady: Option<(f64, Signs)>) -> ComponentDiagnosis {
     let features = window(vec![law], steady);
     let verdicts =
-        told(&machine(false), &features, with_baseline, |context| judge(&features, context));
+        told(&machine(false), &features, with_baseline, |context| judge(&features, &[], context));
     verdicts.into_iter().find(|c| c.id == "main").unwrap()
 }
 

@@ -40,6 +40,12 @@ ratio_to = { shaft = "main", ratio = 1.0 }
 id = "main"
 speed_hz = 10.0
 first_critical_hz = 117.0
+[[bearing]]
+id = "right"
+elements = 9
+element_diameter_mm = 7.94
+pitch_diameter_mm = 39.04
+shaft = "main"
 [[gear]]
 id = "mesh"
 driving = { shaft = "motor", teeth = 28 }
@@ -91,6 +97,8 @@ pub(super) struct Signs {
     pub(super) higher: Option<f64>,
     /// Mesh harmonics.
     pub(super) mesh: [f64; 3],
+    /// The localised difference signal around the first of them.
+    pub(super) around: Option<f64>,
 }
 
 impl Signs {
@@ -101,6 +109,7 @@ impl Signs {
         local: Some(1.0),
         higher: Some(1.0),
         mesh: [1.0; 3],
+        around: None,
     };
 }
 
@@ -116,6 +125,7 @@ pub(super) fn features(signs: Signs) -> Vec<ChannelFeatures> {
     let mut acc = vec![feature("cwt_1x_main", signs.once), feature("cwt_1x_motor", signs.once)];
     acc.extend(["tsa_residual_mesh_motor", "tsa_envelope_1_mesh_motor"].map(|n| feature(n, 1.0)));
     acc.extend(signs.local.map(|r| feature("tsa_local_mesh_motor", r)));
+    acc.extend(signs.around.map(|r| feature("tsa_local_1_mesh_motor", r)));
     let harmonics = (1..).zip(signs.mesh);
     acc.extend(harmonics.map(|(h, r)| feature(&format!("tsa_mesh_{h}_mesh_motor"), r)));
     let higher = |r: f64| [feature("line_2x_main", r), feature("line_3x_main", r)];
@@ -205,8 +215,18 @@ fn judged_with(
     with_baseline: bool,
     gears: Vec<GearReading>,
 ) -> Vec<ComponentDiagnosis> {
+    judged_beside(&[], signs, (with_gear, with_baseline), gears)
+}
+
+/// The same beside verdicts on bearings.
+fn judged_beside(
+    bearings: &[ComponentDiagnosis],
+    signs: Signs,
+    (with_gear, with_baseline): (bool, bool),
+    gears: Vec<GearReading>,
+) -> Vec<ComponentDiagnosis> {
     let (machine, channels) = (machine(with_gear), channels());
-    let healthy = features(Signs::HEALTHY);
+    let healthy = features(Signs { around: Some(1.0), ..Signs::HEALTHY });
     let record = Record::of_windows("h", &[(Some(Hz(10.0)), healthy)], &channels);
     let records = if with_baseline { vec![record] } else { Vec::new() };
     let baseline = Baseline { records, provisional: false };
@@ -221,6 +241,7 @@ fn judged_with(
     let channel_of_sensor = [with_probe.then_some(ChannelIndex(0)), Some(ChannelIndex(1))];
     judge(
         &features,
+        bearings,
         &Context {
             machine: &machine,
             channels: &channels,
@@ -240,7 +261,7 @@ fn of<'a>(verdicts: &'a [ComponentDiagnosis], id: &str) -> &'a ComponentDiagnosi
 /// States of the probed shaft and of the gear, and the gear's fault.
 fn states(displacement: Option<f64>, once: f64, local: f64) -> (State, State, Option<FaultMode>) {
     let verdicts = judged(
-        Signs { displacement, once, local: Some(local), higher: None, mesh: [1.0; 3] },
+        Signs { displacement, once, local: Some(local), higher: None, ..Signs::HEALTHY },
         true,
         true,
     );
@@ -260,6 +281,31 @@ fn the_rows_of_the_joint_table() {
 }
 
 #[test]
+fn a_defect_that_comes_into_the_load_once_a_turn_is_no_tooth_unless_all_orders_grow() {
+    let state = |fault: Option<FaultMode>, around: f64| {
+        let mut bearing =
+            ComponentDiagnosis::undetermined("right", ComponentKind::Bearing, String::new());
+        (bearing.state, bearing.fault) = (State::Warning, fault);
+        // The baseline of every feature is that of ratio 1.
+        let signs =
+            Signs { once: 30.0, local: Some(around.max(1.0)), around: Some(6.0), ..Signs::HEALTHY };
+        let gears = vec![
+            gear_reading(1000.0, 20.0),
+            GearReading { part: Part::Around(1), ..gear_reading(1000.0, 20.0) },
+        ];
+        let verdicts = judged_beside(&[bearing], signs, (true, true), gears);
+        let gear = of(&verdicts, "mesh");
+        (gear.state, gear.fault)
+    };
+    let tooth = (State::Warning, Some(FaultMode::ToothDamage));
+    let open = (State::Undetermined, None);
+    assert_eq!(state(Some(FaultMode::InnerRace), 1.0), open, "some orders have grown");
+    assert_eq!(state(None, 1.0), open, "lines of several elements");
+    assert_eq!(state(Some(FaultMode::InnerRace), 5.0), tooth, "all have");
+    assert_eq!(state(Some(FaultMode::OuterRace), 1.0), tooth, "a defect at rest meets one load");
+}
+
+#[test]
 fn a_bow_needs_more_eccentricity_than_any_unbalance() {
     // 400 µm at r = 10/117: e = A(1 − r²)/r² = 54 mm, e·ω = 3400 mm/s, beyond 10 × G 40.
     let bowed = judged(
@@ -268,7 +314,7 @@ fn a_bow_needs_more_eccentricity_than_any_unbalance() {
             once: 1.0,
             local: Some(1.0),
             higher: None,
-            mesh: [1.0; 3],
+            ..Signs::HEALTHY
         },
         true,
         true,
@@ -281,7 +327,7 @@ fn a_bow_needs_more_eccentricity_than_any_unbalance() {
             once: 1.0,
             local: Some(1.0),
             higher: None,
-            mesh: [1.0; 3],
+            ..Signs::HEALTHY
         },
         true,
         true,
@@ -293,7 +339,7 @@ fn a_bow_needs_more_eccentricity_than_any_unbalance() {
 #[test]
 fn without_a_gear_and_a_probe_the_shaft_is_accused_without_a_cause() {
     let verdicts = judged(
-        Signs { displacement: None, once: 8.0, local: None, higher: None, mesh: [1.0; 3] },
+        Signs { displacement: None, once: 8.0, local: None, higher: None, ..Signs::HEALTHY },
         false,
         true,
     );
@@ -306,7 +352,7 @@ fn without_a_gear_and_a_probe_the_shaft_is_accused_without_a_cause() {
 fn one_times_alone_is_unbalance_and_no_surer_than_a_bow_leaves_it() {
     let judged = |displacement: Option<f64>, higher: f64| {
         let signs =
-            Signs { displacement, once: 8.0, local: None, higher: Some(higher), mesh: [1.0; 3] };
+            Signs { displacement, once: 8.0, local: None, higher: Some(higher), ..Signs::HEALTHY };
         of(&judged(signs, false, true), "main").clone()
     };
     for displacement in [None, Some(8.0)] {
@@ -329,7 +375,7 @@ fn a_rise_within_the_scatter_accuses_nobody() {
             once: 2.9,
             local: Some(2.9),
             higher: None,
-            mesh: [1.0; 3],
+            ..Signs::HEALTHY
         },
         true,
         true,
@@ -340,7 +386,7 @@ fn a_rise_within_the_scatter_accuses_nobody() {
 #[test]
 fn without_a_baseline_nothing_is_judged_and_the_reason_is_given() {
     let verdicts = judged(
-        Signs { displacement: None, once: 9.0, local: Some(9.0), higher: None, mesh: [1.0; 3] },
+        Signs { displacement: None, once: 9.0, local: Some(9.0), higher: None, ..Signs::HEALTHY },
         true,
         false,
     );
@@ -356,7 +402,7 @@ fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
         once: 30.0,
         local: Some(20.0),
         higher: None,
-        mesh: [1.0; 3],
+        ..Signs::HEALTHY
     };
     let gear = |persistence: f64| {
         let verdicts = judged_with(signs, true, true, vec![gear_reading(persistence, 2.0)]);
@@ -393,7 +439,7 @@ fn a_shaft_without_a_probe_does_not_mirror_one_of_equal_speed() {
         once: 30.0,
         local: Some(1.0),
         higher: None,
-        mesh: [1.0; 3],
+        ..Signs::HEALTHY
     };
     let verdicts = judged(signs, true, true);
     assert_eq!(of(&verdicts, "main").state, State::Damaged);
@@ -403,8 +449,14 @@ fn a_shaft_without_a_probe_does_not_mirror_one_of_equal_speed() {
 
 /// State, fault and member of the gear, 1× not up.
 fn gear_alone(local: f64, q: f64, mesh: [f64; 3]) -> (State, Option<FaultMode>) {
-    let signs =
-        Signs { displacement: Some(1.0), once: 1.0, local: Some(local), higher: None, mesh };
+    let signs = Signs {
+        displacement: Some(1.0),
+        once: 1.0,
+        local: Some(local),
+        higher: None,
+        mesh,
+        around: None,
+    };
     let verdicts = judged_with(signs, true, true, vec![gear_reading(1000.0, q)]);
     assert_eq!(of(&verdicts, "main").state, State::Healthy);
     let gear = of(&verdicts, "mesh");

@@ -39,6 +39,18 @@ impl Estimate {
     pub fn is_wrong_rate(&self) -> bool {
         self.ppm.abs() > TOLERANCE_PPM
     }
+
+    /// What is wrong with a nominal rate, for people; `None`: nothing. Five digits: what is beyond a tenth of a percent.
+    #[must_use]
+    pub fn doubt(&self, nominal_hz: f64) -> Option<String> {
+        let percent = 1e-4 * self.ppm;
+        self.is_wrong_rate().then(|| {
+            format!(
+                "{percent:+.2} % more samples come than the stated {nominal_hz} a second: all frequencies are off by as much, \
+                 check the rate that the sender states"
+            )
+        })
+    }
 }
 
 /// Watches one sample clock.

@@ -10,6 +10,7 @@ use super::lane::Lane;
 use super::lane::Placing;
 pub use super::lane::Taken;
 use super::ledger::Ledger;
+use super::rules;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::signal::ChannelIndex;
@@ -21,19 +22,6 @@ use crate::wire::Wanted;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::sync::Arc;
-
-/// What a time may be ahead of the daemon's clock, s.
-pub const AHEAD_S: f64 = 10.0;
-
-/// Longest stretch of one block, s.
-const BLOCK_S: f64 = 600.0;
-
-/// What the time of an index may run ahead of the clock besides, as a part of the time since the epoch's begin: clocks
-/// drift, and a rate may be stated a little wrong.
-const AHEAD_PART: f64 = 0.05;
-
-/// Bounds of a speed or load that is believed.
-const PLAUSIBLE: f64 = 1e9;
 
 /// Names of channels that a machine may have had since the start: each has its counters, in metrics too.
 const MAX_NAMES: usize = 2 * wire::MAX_CHANNELS;
@@ -76,8 +64,8 @@ pub struct Intake {
     /// Whether a stream is open; speed and load that it was opened with.
     open: Option<(Option<f64>, Option<f64>)>,
     senders: BTreeMap<u64, Sender>,
-    /// Names that channels have had.
-    names: BTreeSet<String>,
+    /// Channels that are not in the stream any more, by name: who comes back goes on with counts and place.
+    gone: BTreeMap<String, Lane>,
     /// Connections that lost their channels to a newer one of the same sender.
     superseded: BTreeSet<u64>,
 }
@@ -91,6 +79,8 @@ pub struct ChannelStatus {
     pub channel: ChannelIndex,
     /// What became of its samples.
     pub ledger: Ledger,
+    /// Since when that is counted: its first hello since the start of the daemon.
+    pub counted_since: Timestamp,
     /// How its clock runs, if that is known.
     pub clock: Option<Estimate>,
     /// Samples a second, as stated.
@@ -112,7 +102,7 @@ impl Intake {
             segment: 0,
             open: None,
             senders: BTreeMap::new(),
-            names: BTreeSet::new(),
+            gone: BTreeMap::new(),
             superseded: BTreeSet::new(),
         }
     }
@@ -128,16 +118,15 @@ impl Intake {
         hello: &wire::Hello,
         room: &mut dyn FnMut(&StreamInfo) -> Result<(), String>,
     ) -> Result<Admitted, Refusal> {
-        let described = self.check(hello)?;
+        let described = rules::check(hello, &self.machine)?;
         let old = self.superseded_by(hello)?;
         // By place in the hello: the lane there is, or a new one.
-        let found: Vec<Option<u32>> = hello
-            .channels
-            .iter()
-            .map(|channel| {
-                self.lanes.iter().find(|(_, lane)| lane.described == *channel).map(|(id, _)| *id)
-            })
-            .collect();
+        let places = self.places();
+        let same = |channel: &wire::Channel| {
+            let id = places.get(channel.name.as_str())?;
+            Some(*id).filter(|id| self.lanes.get(id).is_some_and(|l| l.described == *channel))
+        };
+        let found: Vec<Option<u32>> = hello.channels.iter().map(same).collect();
         let facts = (hello.shaft_speed_hz, hello.load);
         let has_other_facts = self.open.is_some_and(|(speed, load)| {
             facts.0.is_some_and(|_| facts.0 != speed) || facts.1.is_some_and(|_| facts.1 != load)
@@ -158,32 +147,17 @@ impl Intake {
         Ok(Admitted { wanted: self.admit(session, (peer, arrived), hello.epoch, ids), opened })
     }
 
-    /// What can be said of a hello by itself: its channels as lanes.
-    fn check(&self, hello: &wire::Hello) -> Result<Vec<Lane>, Refusal> {
-        let bad = |text: String| Refusal::new(ErrorCode::BadChannel, text);
-        if hello.channels.is_empty() {
-            return Err(bad("the hello names no channel".to_owned()));
-        }
-        let mut names = BTreeSet::new();
-        if let Some(twice) = hello.channels.iter().find(|channel| !names.insert(&channel.name)) {
-            return Err(bad(format!("channel {:?} is named twice", twice.name)));
-        }
-        let is_wild =
-            |number: Option<f64>| number.is_some_and(|x| x.is_nan() || x.abs() > PLAUSIBLE);
-        let is_turning = hello.shaft_speed_hz.is_none_or(|speed| speed > 0.0);
-        if is_wild(hello.shaft_speed_hz) || is_wild(hello.load) || !is_turning {
-            return Err(bad(
-                "the shaft's speed is not above 0, or speed or load is no usable number".to_owned(),
-            ));
-        }
-        hello.channels.iter().map(|channel| Lane::new(channel, &self.machine)).collect()
+    /// The channels of the stream by their names.
+    fn places(&self) -> BTreeMap<&str, u32> {
+        self.lanes.iter().map(|(id, lane)| (lane.described.name.as_str(), *id)).collect()
     }
 
     /// Connections of the same sender that have a channel of the hello; an error if another sender has one.
     fn superseded_by(&self, hello: &wire::Hello) -> Result<BTreeSet<u64>, Refusal> {
         let mut old = BTreeSet::new();
+        let places = self.places();
         for channel in &hello.channels {
-            let lane = self.lanes.values().find(|lane| lane.described.name == channel.name);
+            let lane = places.get(channel.name.as_str()).and_then(|id| self.lanes.get(id));
             let Some(owner) = lane.and_then(|lane| lane.owner) else { continue };
             let Some(sender) = self.senders.get(&owner) else { continue };
             if sender.epoch != hello.epoch {
@@ -209,11 +183,12 @@ impl Intake {
         (speed_hz, load): (Option<f64>, Option<f64>),
         room: &mut dyn FnMut(&StreamInfo) -> Result<(), String>,
     ) -> Result<(Vec<u32>, StreamInfo), Refusal> {
+        let known: BTreeSet<u32> = found.iter().copied().flatten().collect();
         let is_kept = |id: u32, lane: &Lane| {
-            found.contains(&Some(id)) || lane.owner.is_some_and(|owner| !old.contains(&owner))
+            known.contains(&id) || lane.owner.is_some_and(|owner| !old.contains(&owner))
         };
         let kept = self.lanes.iter().filter(|(id, lane)| is_kept(**id, lane)).map(|(id, _)| *id);
-        let kept: Vec<u32> = kept.collect();
+        let kept: BTreeSet<u32> = kept.collect();
         let new = found.iter().zip(&described).filter(|(found, _)| found.is_none());
         let lanes =
             kept.iter().filter_map(|id| self.lanes.get(id)).chain(new.map(|(_, lane)| lane));
@@ -238,39 +213,49 @@ impl Intake {
             );
             return Err(Refusal::new(ErrorCode::BadChannel, text));
         }
-        let names: BTreeSet<String> = info.channels.iter().map(|c| c.name.clone()).collect();
-        if names.union(&self.names).count() > MAX_NAMES {
-            let text = format!(
-                "machine {:?} has had {} channels of other names since the start, and may have {MAX_NAMES} in all: name \
-                 them alike, or restart the daemon",
-                self.machine.id,
-                self.names.difference(&names).count()
-            );
-            return Err(Refusal::new(ErrorCode::NoRoom, text));
-        }
+        self.check_names(&info)?;
         room(&info).map_err(|text| Refusal::new(ErrorCode::NoRoom, text))?;
-        self.names.extend(names);
         self.open = Some(facts);
         self.segment = self.segment.saturating_add(1);
-        let mut ids = Vec::new();
-        for (found, mut lane) in found.iter().zip(described) {
-            ids.push(found.unwrap_or_else(|| {
-                let before = self.lanes.values().find(|l| l.described.name == lane.described.name);
-                if let Some(before) = before {
-                    lane.follow(before);
-                }
-                let id = self.next_lane;
-                self.next_lane = id.wrapping_add(1);
-                self.lanes.insert(id, lane);
-                id
-            }));
-        }
-        self.lanes.retain(|id, _| kept.contains(id) || ids.contains(id));
+        let others = self.lanes.extract_if(.., |id, _| !kept.contains(id));
+        self.gone.extend(others.map(|(_, lane)| (lane.described.name.clone(), lane)));
+        let joined = found.iter().zip(described);
+        let ids = joined.map(|(id, lane)| id.unwrap_or_else(|| self.join(lane))).collect();
         // Lanes stand by rising number, and those that are new have the highest.
         for (place, lane) in self.lanes.values_mut().enumerate() {
             lane.channel = ChannelIndex(place);
         }
         Ok((ids, info))
+    }
+
+    /// Whether there is room for the names of a stream beside those that channels have had.
+    fn check_names(&self, info: &StreamInfo) -> Result<(), Refusal> {
+        let now: BTreeSet<&String> = info.channels.iter().map(|channel| &channel.name).collect();
+        let had = self.lanes.values().map(|lane| &lane.described.name).chain(self.gone.keys());
+        let n_others = had.filter(|name| !now.contains(name)).count();
+        if n_others + now.len() <= MAX_NAMES {
+            return Ok(());
+        }
+        let text = format!(
+            "machine {:?} has had {n_others} channels of other names since the start, and may have {MAX_NAMES} in all: name \
+             them alike, or restart the daemon",
+            self.machine.id
+        );
+        Err(Refusal::new(ErrorCode::NoRoom, text))
+    }
+
+    /// Puts a channel into the stream. One that was there before goes on as it was if it is described alike; else the new
+    /// one has its counts, and lies behind it.
+    fn join(&mut self, mut lane: Lane) -> u32 {
+        match self.gone.remove(&lane.described.name) {
+            Some(before) if before.described == lane.described => lane = before,
+            Some(before) => lane.follow(&before),
+            None => {}
+        }
+        let id = self.next_lane;
+        self.next_lane = id.wrapping_add(1);
+        self.lanes.insert(id, lane);
+        id
     }
 
     /// Gives the channels to a sender.
@@ -292,6 +277,7 @@ impl Intake {
             let Some(lane) = self.lanes.get_mut(id) else { continue };
             lane.begin(epoch);
             lane.owner = Some(session);
+            lane.counted_since.get_or_insert(arrived.0);
             wanted.push(lane.next);
         }
         let (peer, since) = (peer.to_owned(), arrived.0);
@@ -312,8 +298,8 @@ impl Intake {
         has_room: bool,
     ) -> Result<(u64, Taken), Refusal> {
         let id = self.lane_of(session, block)?;
-        let Some(lane) = self.lanes.get(&id) else { return Err(no_stream(block)) };
-        check_span(lane, block.samples.len())?;
+        let Some(lane) = self.lanes.get(&id) else { return Err(rules::no_stream(block)) };
+        rules::check_span(lane, block.samples.len())?;
         let now_s = seconds_since(self.origin, arrived.0);
         let wall_s = if block.time_ns == wire::NO_TIME {
             // The last sample has just been taken.
@@ -321,12 +307,12 @@ impl Intake {
         } else {
             seconds_since(self.origin, Timestamp(block.time_ns))
         };
-        check_time(lane, block.first, (wall_s, now_s))?;
+        rules::check_time(lane, block.first, (wall_s, now_s))?;
         let is_unplaced = lane.is_unplaced();
         let shift_s = if is_unplaced { self.sender_shift_s(session, wall_s) } else { 0.0 };
         let placing =
             Placing { segment: self.segment, keeps_received: self.keeps_received, has_room };
-        let Some(lane) = self.lanes.get_mut(&id) else { return Err(no_stream(block)) };
+        let Some(lane) = self.lanes.get_mut(&id) else { return Err(rules::no_stream(block)) };
         if is_unplaced {
             lane.place(block.first, wall_s, shift_s);
             lane.next.sequence = block.sequence;
@@ -345,7 +331,7 @@ impl Intake {
         let sender = self.senders.get(&session);
         let id = sender.and_then(|sender| sender.lanes.get(usize::from(block.stream)));
         let found = id.and_then(|id| Some((*id, self.lanes.get(id)?)));
-        let (id, lane) = found.ok_or_else(|| no_stream(block))?;
+        let (id, lane) = found.ok_or_else(|| rules::no_stream(block))?;
         if block.samples.kind() == lane.described.sample_type && !block.samples.is_empty() {
             return Ok(id);
         }
@@ -399,20 +385,32 @@ impl Intake {
         self.senders.len()
     }
 
-    /// What became of the samples of each channel, by its name, in the order of the stream.
+    /// What became of the samples of each channel there was since the start, by its name: first those of the stream, in
+    /// their order.
     pub fn ledgers(&self) -> impl Iterator<Item = (&str, &Ledger)> {
-        self.lanes.values().map(|lane| (lane.described.name.as_str(), &lane.ledger))
+        let lanes = self.lanes.values().chain(self.gone.values());
+        lanes.map(|lane| (lane.described.name.as_str(), &lane.ledger))
+    }
+
+    /// Whose clock runs so wrong that its rate cannot be what is stated, for people.
+    pub fn doubts(&mut self) -> Vec<String> {
+        let doubt = |lane: &mut Lane| {
+            let doubt = lane.drift.estimate()?.doubt(lane.described.rate_hz)?;
+            Some(format!("channel `{}`: {doubt}", lane.described.name))
+        };
+        self.lanes.values_mut().filter_map(doubt).collect()
     }
 
     /// How each channel is doing, in the order of the stream.
     pub fn status(&mut self) -> Vec<ChannelStatus> {
-        let senders = &self.senders;
+        let (senders, origin) = (&self.senders, self.origin);
         let status = |lane: &mut Lane| {
             let sender = lane.owner.and_then(|owner| senders.get(&owner));
             ChannelStatus {
                 name: lane.described.name.clone(),
                 channel: lane.channel,
                 ledger: lane.ledger,
+                counted_since: lane.counted_since.unwrap_or(origin),
                 clock: lane.drift.estimate(),
                 rate_hz: lane.described.rate_hz,
                 sender: sender.map(|sender| (sender.peer.clone(), sender.since)),
@@ -420,47 +418,6 @@ impl Intake {
         };
         self.lanes.values_mut().map(status).collect()
     }
-}
-
-/// Whether a block is short enough: all windows that it completes are judged at once.
-fn check_span(lane: &Lane, n_samples: usize) -> Result<(), Refusal> {
-    let span_s = n_samples.saturating_sub(1) as f64 / lane.described.rate_hz;
-    if span_s <= BLOCK_S {
-        return Ok(());
-    }
-    let text = format!(
-        "channel {:?}: a block spans {span_s:.0} s, at most {BLOCK_S} s are taken: send shorter ones",
-        lane.described.name
-    );
-    Err(Refusal::new(ErrorCode::TooLarge, text))
-}
-
-/// Whether a block lies in the future, by its time or by the place of its first sample.
-fn check_time(lane: &Lane, first: u64, (wall_s, now_s): (f64, f64)) -> Result<(), Refusal> {
-    let ahead = |what: String, by_s: f64| {
-        let name = &lane.described.name;
-        let text = format!("channel {name:?}: {what} lies {by_s:.1} s after the daemon's clock");
-        Err(Refusal::new(ErrorCode::TimeAhead, text))
-    };
-    if wall_s > now_s + AHEAD_S {
-        let what = "set the sender's clock: the time of a block".to_owned();
-        return ahead(what, wall_s - now_s);
-    }
-    match lane.expected_s(first) {
-        Some((index_s, first_s))
-            if index_s > now_s + AHEAD_S + AHEAD_PART * (now_s - first_s).max(0.0) =>
-        {
-            let rate_hz = lane.described.rate_hz;
-            let what = format!("is the rate of {rate_hz} Hz right? By it sample {first}");
-            ahead(what, index_s - now_s)
-        }
-        Some(_) | None => Ok(()),
-    }
-}
-
-fn no_stream(block: &wire::Block<'_>) -> Refusal {
-    let text = format!("a block of stream {}, which is not in the hello", block.stream);
-    Refusal::new(ErrorCode::Unexpected, text)
 }
 
 /// Time from one moment to another, s; exact to a microsecond over centuries.

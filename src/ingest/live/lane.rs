@@ -13,6 +13,7 @@ use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
+use crate::signal::Timestamp;
 use crate::units::Hz;
 use crate::units::SourceUnit;
 use crate::wire;
@@ -54,6 +55,8 @@ pub(super) struct Lane {
     /// Ranges of the epoch's indices that were lost, oldest first.
     gaps: VecDeque<(u64, u64)>,
     pub(super) ledger: Ledger,
+    /// When it was first let in.
+    pub(super) counted_since: Option<Timestamp>,
     pub(super) drift: Drift,
 }
 
@@ -148,6 +151,7 @@ impl Lane {
             end: None,
             gaps: VecDeque::new(),
             ledger: Ledger::default(),
+            counted_since: None,
             drift: Drift::default(),
         })
     }
@@ -172,6 +176,7 @@ impl Lane {
     /// Takes over what another description of the channel has counted and where it has come to.
     pub(super) fn follow(&mut self, before: &Self) {
         self.ledger = before.ledger;
+        self.counted_since = before.counted_since;
         // Another rate counts other samples: the index goes on, so that it never goes back.
         self.end = before.end;
     }

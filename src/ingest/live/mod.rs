@@ -11,11 +11,14 @@
 pub mod drift;
 pub mod ledger;
 mod lane;
+mod rules;
 pub mod intake;
+pub mod pace;
 pub mod session;
 
 use crate::wire::ErrorCode;
 use crate::wire::WireError;
+pub use rules::check_ahead;
 
 /// Why a sender is not listened to any longer.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

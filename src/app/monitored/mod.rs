@@ -1,5 +1,7 @@
 //! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
 
+mod switching;
+
 use super::alarming::Alarming;
 use super::capturing::Asked;
 use super::capturing::Capturing;
@@ -23,7 +25,6 @@ use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
-use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
 use crate::notify::HealthChange;
 use crate::notify::HealthWatch;
@@ -45,6 +46,9 @@ use tokio::sync::watch;
 /// What who asks for a capture is told where none are made.
 const NO_CAPTURES: &str =
     "no captures are made: captures.enabled is false, or the source cannot be opened";
+
+/// Why a machine is given up whose analysis panicked.
+const PANICKED: &str = "internal error in the analysis, see the log";
 
 /// What is known of a machine before its first block.
 #[derive(Debug)]
@@ -100,6 +104,8 @@ pub struct Monitored {
     trending: Option<Trending>,
     /// What opens the stream of live senders.
     pub(super) opener: Option<Opener>,
+    /// What its senders' clocks do wrong.
+    doubts: Vec<String>,
     /// The windows behind them.
     pub(super) seen: Seen,
     losses: Arc<Losses>,
@@ -140,6 +146,7 @@ impl Monitored {
             trends: vec![TrendStore::default(); channels.len()],
             trending: opened.trending,
             opener: opened.opener,
+            doubts: Vec::new(),
             seen: Seen::default(),
             channels: Arc::new(channels),
             diagnosis: None,
@@ -172,6 +179,12 @@ impl Monitored {
             }
             Input::Open(info) => self.open(&info, queue_bytes),
             Input::Renew(renewed) => self.renew(&renewed, queue_bytes),
+            Input::Doubts(doubts) => {
+                for doubt in &doubts {
+                    tracing::warn!(machine = self.machine.id, doubt, "a clock runs wrong");
+                }
+                self.doubts = doubts;
+            }
             Input::Source(state) => {
                 self.note_source(state);
                 if self.source == SourceState::Finished {
@@ -190,42 +203,6 @@ impl Monitored {
                 self.publish(queue_bytes);
             }
         }
-    }
-
-    /// Goes on with another stream: the alarms stay, rings and windows begin anew.
-    fn open(&mut self, info: &StreamInfo, queue_bytes: usize) {
-        let outcomes = self.guarded(|monitor, emit| monitor.finish(emit));
-        self.take_outcomes(outcomes, None, queue_bytes);
-        self.trending.iter_mut().for_each(Trending::close);
-        if let Some(capturing) = &mut self.capturing {
-            capturing.reached(None);
-        }
-        let now = self.alarming.moment(self.stream_time_s());
-        let alarms = self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms);
-        let Some(opener) = &mut self.opener else { return };
-        let fresh = match opener.open(info, alarms, now) {
-            Ok(fresh) => fresh,
-            Err(reason) => {
-                self.note_source(SourceState::Failed(reason));
-                self.publish(queue_bytes);
-                return;
-            }
-        };
-        let mut monitor = fresh.monitor;
-        if let Some(capturing) = &fresh.capturing {
-            capturing.prepare(&mut monitor);
-        }
-        let channels = monitor.channels().to_vec();
-        self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
-        self.trends = vec![TrendStore::default(); channels.len()];
-        self.channels = Arc::new(channels);
-        self.monitor = Some(monitor);
-        self.capturing = fresh.capturing;
-        self.trending = Some(fresh.trending);
-        self.seen = Seen::default();
-        self.features = Arc::default();
-        self.keep(fresh.alarm_events, Vec::new());
-        self.publish(queue_bytes);
     }
 
     /// Exchanges the kept plans: those of the shard go where the work is, so that machines need none of their own.
@@ -295,6 +272,12 @@ impl Monitored {
                 drop(reply.send(self.alarming.history(engine)));
             }
         }
+    }
+
+    /// Stream time up to which alarms know the stream, s.
+    #[cfg(test)]
+    pub(in crate::app) fn judged_until_s(&self) -> Option<f64> {
+        self.alarms().judged_until_s()
     }
 
     /// Takes in that time has passed and publishes a snapshot.
@@ -387,12 +370,8 @@ impl Monitored {
             work(monitor, &mut |outcome| outcomes.push(outcome));
         }));
         if done.is_err() {
-            // Alarms are moved between windows only: what stands, stands.
-            if let Some(monitor) = self.monitor.take() {
-                self.idle_alarms = monitor.alarms().clone();
-            }
-            let reason = "internal error in the analysis, see the log".to_owned();
-            self.note_source(SourceState::Failed(reason));
+            self.give_up_monitor();
+            self.note_source(SourceState::Failed(PANICKED.to_owned()));
         }
         outcomes
     }
@@ -415,7 +394,10 @@ impl Monitored {
                 }
             }
             let health = self.health.observe(&outcome.diagnosis, end_s);
-            self.diagnosis = Some(outcome.diagnosis);
+            self.diagnosis = Some(match &self.doubts[..] {
+                [] => outcome.diagnosis,
+                doubts => Arc::new(outcome.diagnosis.with_doubts(doubts)),
+            });
             self.judged_by = Arc::clone(&self.configuration);
             self.features = Arc::new(outcome.features);
             self.capture(&outcome.alarm_events, end_s);

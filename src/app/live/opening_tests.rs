@@ -1,0 +1,195 @@
+//! A machine whose stream is opened by its senders: once, again, in vain.
+
+use super::Room;
+use super::joining;
+use crate::api::view::MachineView;
+use crate::api::view::SourceState;
+use crate::app::link::Input;
+use crate::app::link::Link;
+use crate::app::link::ShardQueue;
+use crate::app::monitored::Monitored;
+use crate::app::stores::Stores;
+use crate::app::tests::machine;
+use crate::config::Config;
+use crate::config::FileText;
+use crate::config::Live;
+use crate::config::MachineConfig;
+use crate::config::SourceConfig;
+use crate::config::Store;
+use crate::diagnosis::baseline::signed::Signed;
+use crate::diagnosis::verdict::DataQuality;
+use crate::ingest::replay::StreamInfo;
+use crate::signal::Block;
+use crate::signal::ChannelIndex;
+use crate::signal::ChannelInfo;
+use crate::signal::SampleIndex;
+use crate::store::Act;
+use crate::store::BaselineStore;
+use crate::store::Held;
+use crate::store::StoreError;
+use crate::telemetry::Metrics;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering;
+use tempfile::TempDir;
+use tokio::sync::watch;
+
+const RATE_HZ: f64 = 1000.0;
+
+/// A machine with live senders, on no thread.
+struct Opened {
+    monitored: Monitored,
+    view: watch::Receiver<Arc<MachineView>>,
+    _folder: TempDir,
+}
+
+/// A store that falls over while it is told to, as a mistake of ours would.
+struct Falling(Arc<AtomicBool>);
+
+impl BaselineStore for Falling {
+    fn baselines(&self, _: &str) -> Result<Vec<Held>, StoreError> {
+        assert!(!self.0.load(Ordering::SeqCst), "as a mistake of ours would");
+        Ok(Vec::new())
+    }
+
+    fn learn(&self, _: &Signed, _: &[Arc<str>]) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    fn activate(&self, _: (&str, &str), _: &[Arc<str>], _: &Act<'_>) -> Result<bool, StoreError> {
+        Ok(false)
+    }
+
+    fn retire(&self, _: &str, _: &Act<'_>) -> Result<Vec<String>, StoreError> {
+        Ok(Vec::new())
+    }
+
+    fn remove(&self, _: (&str, &str), _: &Act<'_>) -> Result<bool, StoreError> {
+        Ok(false)
+    }
+
+    fn version(&self) -> Result<i64, StoreError> {
+        Ok(0)
+    }
+}
+
+fn live() -> Opened {
+    live_with(None)
+}
+
+fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
+    let folder = TempDir::new().unwrap();
+    let entry = MachineConfig {
+        text: FileText::default(),
+        file: PathBuf::new(),
+        machine: machine("rig-1"),
+        baseline: Vec::new(),
+        source: SourceConfig::Live(Live::listening()),
+    };
+    let directory = folder.path().to_owned();
+    let config = Config {
+        store: Store { directory, ..Store::default() },
+        machines: vec![entry.clone()],
+        ..Config::default()
+    };
+    let metrics = Arc::new(Metrics::new());
+    let mut stores = Stores::open(&config, &[&super::unknown_stream()], &metrics).unwrap();
+    stores.baselines.store = baselines.unwrap_or(stores.baselines.store);
+    let room = Arc::new(Room::new(config.memory_limit_bytes));
+    let link = Link::new(Arc::new(ShardQueue::new(1 << 20, 4)), 0);
+    let joined = joining::join(&config, &entry, link, (&stores, &metrics, &room), true).unwrap();
+    Opened { monitored: joined.monitored, view: joined.handle.view, _folder: folder }
+}
+
+fn stream(name: &str, rate_hz: f64) -> Input {
+    let channel = ChannelInfo {
+        name: name.to_owned(),
+        sample_rate: Hz(rate_hz),
+        unit: Unit::MetrePerSecondSquared,
+        offset: 0.0,
+        unit_conflict: None,
+        full_scale: None,
+    };
+    Input::Open(Box::new(StreamInfo { channels: vec![channel], ..super::unknown_stream() }))
+}
+
+impl Opened {
+    fn source(&self) -> SourceState {
+        self.view.borrow().source.clone()
+    }
+
+    /// Takes in so many seconds of a tone from `start` s on.
+    fn play(&mut self, start: u16, seconds: u16) {
+        for second in start..start + seconds {
+            let first = u64::from(second) * 1000;
+            let samples = (0..1000).map(|i: u16| (0.1 * f32::from(i)).sin()).collect();
+            let (channel, start) = (ChannelIndex(0), SampleIndex(first));
+            let block = Block { channel, start, segment: 1, time_s: second.into(), samples };
+            self.monitored.take(Input::Block(block, crate::app::now()), 0);
+        }
+    }
+}
+
+#[test]
+fn a_stream_that_cannot_be_opened_fails_the_machine_until_one_can() {
+    let mut live = live();
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(0, 1);
+    assert_eq!(live.source(), SourceState::Running);
+    // None of its channels is a sensor's; what comes of it meets nothing of the stream before.
+    live.monitored.take(stream("nobody", RATE_HZ), 0);
+    assert!(matches!(live.source(), SourceState::Failed(why) if why.contains("nobody")));
+    live.play(1, 1);
+    assert!(live.view.borrow().rings.is_empty());
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(2, 1);
+    assert_eq!(live.source(), SourceState::Running);
+    live.monitored.publish(0);
+    assert_eq!(live.view.borrow().rings[0].received, 1000);
+}
+
+#[test]
+fn an_opening_that_panics_fails_the_machine_alone() {
+    let falls = Arc::new(AtomicBool::new(true));
+    let mut live = live_with(Some(Arc::new(Falling(Arc::clone(&falls)))));
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    falls.store(false, Ordering::SeqCst);
+    assert!(matches!(live.source(), SourceState::Failed(why) if why.contains("internal error")));
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(0, 1);
+    assert_eq!(live.source(), SourceState::Running);
+}
+
+#[test]
+fn a_clock_that_runs_wrong_degrades_the_data_until_it_runs_right() {
+    let mut live = live();
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    let doubt = "channel `x`: +2.40 % more samples come".to_owned();
+    let judged = |live: &Opened| live.view.borrow().diagnosis.clone().unwrap();
+    live.play(0, 12);
+    let before = judged(&live).data_quality;
+    live.monitored.take(Input::Doubts(vec![doubt.clone()]), 0);
+    live.play(12, 12);
+    let doubted = judged(&live);
+    assert!(doubted.warnings.contains(&doubt), "{:?}", doubted.warnings);
+    assert_eq!(doubted.data_quality, before.max(DataQuality::Degraded));
+    assert_eq!(before, DataQuality::Ok);
+    live.monitored.take(Input::Doubts(Vec::new()), 0);
+    live.play(24, 12);
+    assert!(!judged(&live).warnings.contains(&doubt));
+}
+
+#[test]
+fn what_was_judged_before_another_stream_is_not_judged_again() {
+    let mut live = live();
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(0, 22);
+    let judged_until_s = |live: &Opened| live.monitored.judged_until_s();
+    let before = judged_until_s(&live).unwrap();
+    assert!(before >= 15.0, "{before}");
+    live.monitored.take(stream("x", RATE_HZ / 2.0), 0);
+    assert!(judged_until_s(&live).unwrap() >= before);
+}
