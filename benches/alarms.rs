@@ -160,19 +160,6 @@ fn event(sequence: u64, alarm: &Alarm) -> AlarmEvent {
     AlarmEvent { sequence, kind, time_s: sequence as f64, by: None, alarm: alarm.clone() }
 }
 
-fn batch(events: Vec<AlarmEvent>) -> Batch {
-    Batch {
-        machine: "m".to_owned(),
-        stream: StreamKey::default(),
-        now: Moment::of_stream(0.0),
-        judged_until_s: None,
-        events,
-        health: Vec::new(),
-        standing: None,
-        decisions: None,
-    }
-}
-
 fn store(alarm: &Alarm) {
     let folder = tempfile::tempdir().unwrap();
     let (mut store, archive) = sqlite::open(folder.path()).unwrap();
@@ -183,7 +170,7 @@ fn store(alarm: &Alarm) {
     };
     println!("\n{:<28} {:>9} {:>9} {:>8}", "store, CPU ms", "median", "worst", "events");
     let mut commit = |n: u64| {
-        let batch = batch(events(n));
+        let batch = Batch::new("m", events(n));
         let started = ThreadTime::now();
         store.keep(&[batch]).unwrap();
         started.elapsed().as_secs_f64()

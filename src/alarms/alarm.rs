@@ -166,11 +166,13 @@ pub enum EventKind {
     RemovedFromService,
     /// Returned to service.
     ReturnedToService,
+    /// Over because what it was about is no longer configured.
+    ConfigurationRemoved,
 }
 
 impl EventKind {
     /// Every one.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Raised,
         Self::Escalated,
         Self::DeEscalated,
@@ -185,6 +187,7 @@ impl EventKind {
         Self::Unsuppressed,
         Self::RemovedFromService,
         Self::ReturnedToService,
+        Self::ConfigurationRemoved,
     ];
 
     /// Name in documents.
@@ -205,6 +208,27 @@ impl EventKind {
             Self::Unsuppressed => "unsuppressed",
             Self::RemovedFromService => "removed_from_service",
             Self::ReturnedToService => "returned_to_service",
+            Self::ConfigurationRemoved => "configuration_removed",
+        }
+    }
+
+    /// What the begin of a silence is in the history.
+    #[must_use]
+    pub fn begin_of(silence: Silence) -> Self {
+        match silence {
+            Silence::Shelved => Self::Shelved,
+            Silence::Suppressed => Self::Suppressed,
+            Silence::OutOfService => Self::RemovedFromService,
+        }
+    }
+
+    /// What the end of a silence is in the history.
+    #[must_use]
+    pub fn end_of(silence: Silence) -> Self {
+        match silence {
+            Silence::Shelved => Self::Unshelved,
+            Silence::Suppressed => Self::Unsuppressed,
+            Silence::OutOfService => Self::ReturnedToService,
         }
     }
 

@@ -12,7 +12,7 @@ use state::ShownState;
 const RUNNING: OperatingState = OperatingState::Running;
 
 /// Both clocks at the same number of seconds, the wall clock an hour ahead.
-fn at(time_s: f64) -> Moment {
+pub(super) fn at(time_s: f64) -> Moment {
     let utc = Timestamp::default().plus_seconds(3600.0 + time_s);
     Moment { stream_s: time_s, monotonic_s: time_s, utc }
 }
@@ -34,7 +34,7 @@ fn does(engine: &mut AlarmEngine, action: Action, time_s: f64) -> Result<Vec<Eve
     done.map(|(_, events)| kinds(&events)).map_err(|error| error.to_string())
 }
 
-fn kinds(events: &[AlarmEvent]) -> Vec<EventKind> {
+pub(super) fn kinds(events: &[AlarmEvent]) -> Vec<EventKind> {
     events.iter().map(|event| event.kind).collect()
 }
 
@@ -152,7 +152,7 @@ fn a_store_that_fails_is_an_alarm_that_recovers() {
     assert_eq!(kinds(&events), [EventKind::Returned]);
 }
 
-fn kept(engine: &AlarmEngine, judged_until_s: Option<f64>) -> Kept {
+pub(super) fn kept(engine: &AlarmEngine, judged_until_s: Option<f64>) -> Kept {
     Kept {
         alarms: engine.standing(),
         history: engine.history().iter().cloned().collect(),
@@ -160,6 +160,8 @@ fn kept(engine: &AlarmEngine, judged_until_s: Option<f64>) -> Kept {
         last_sequence: engine.next_sequence - 1,
         judged_until_s,
         decisions: Some(engine.decisions()),
+        advance: engine.advance().to_vec(),
+        last_advance: engine.last_advance(),
     }
 }
 
@@ -240,13 +242,13 @@ fn a_stream_that_is_played_again_says_nothing_new_up_to_where_it_was_judged() {
 }
 
 #[test]
-fn the_alarm_of_a_limit_that_is_gone_ends_its_condition() {
+fn the_alarm_of_a_limit_that_is_gone_is_over() {
     let mut engine = engine();
     let mut kept = kept(&alarmed(), None);
     kept.alarms[0].source = AlarmSource::Limit("gap".to_owned());
     let events = engine.restore(kept, at(0.0));
-    assert_eq!(kinds(&events), [EventKind::Returned]);
-    does(&mut engine, Action::Acknowledge, 1.0).unwrap();
+    assert_eq!(kinds(&events), [EventKind::ConfigurationRemoved]);
+    assert!(events[0].alarm.position().is_over());
     assert!(engine.standing().is_empty());
 }
 

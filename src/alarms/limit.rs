@@ -133,6 +133,15 @@ impl LimitJudge {
         true
     }
 
+    /// Whether another judges the same limit in the same channels.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        let names = |judge: &Self| -> Vec<String> {
+            judge.members.iter().map(|member| member.name.clone()).collect()
+        };
+        self.limit == other.limit && names(self) == names(other)
+    }
+
     /// The limit.
     #[must_use]
     pub fn limit(&self) -> &AlarmLimit {

@@ -26,7 +26,7 @@ const W: Option<Level> = Some(Level::Warning);
 const D: Option<Level> = Some(Level::Damaged);
 
 /// A machine with two accelerometers at a bearing, a probe and a tacho, and what a test states.
-fn machine(rest: &str) -> Machine {
+pub(super) fn machine(rest: &str) -> Machine {
     let text = format!(
         "[machine]\nid = 'rig'\niso_group = '2-rigid'\n[[shaft]]\nid = 'main'\nspeed_hz = 10\n\
          [[bearing]]\nid = 'right'\nshaft = 'main'\ncatalogue = 'SKF 6205'\n\
@@ -40,7 +40,7 @@ fn machine(rest: &str) -> Machine {
 
 const CHANNELS: [&str; 4] = ["x", "y", "z", "probe"];
 
-fn channels() -> Vec<ChannelInfo> {
+pub(super) fn channels() -> Vec<ChannelInfo> {
     let info = |name: &str| ChannelInfo {
         name: name.to_owned(),
         sample_rate: Hz(1000.0),
@@ -53,7 +53,7 @@ fn channels() -> Vec<ChannelInfo> {
 }
 
 /// An engine that raises and returns at once unless a limit says otherwise.
-fn engine(rest: &str) -> AlarmEngine {
+pub(super) fn engine(rest: &str) -> AlarmEngine {
     let settings = Settings { off_delay_s: 0.0, ..Settings::default() };
     AlarmEngine::of_machine(&machine(rest), &channels(), settings)
 }
@@ -64,7 +64,7 @@ fn feature(name: &str, value: f64, unit: Unit) -> Feature {
 
 /// What one window says.
 #[derive(Clone)]
-struct Seen {
+pub(super) struct Seen {
     operating: OperatingState,
     speed: Option<Hz>,
     values: Vec<(usize, Feature)>,
@@ -82,7 +82,7 @@ fn seen(values: Vec<(usize, Feature)>) -> Seen {
     }
 }
 
-fn velocity(values: &[f64]) -> Seen {
+pub(super) fn velocity(values: &[f64]) -> Seen {
     let unit = Unit::MillimetrePerSecond;
     let feature = |v: &f64| feature("velocity_rms_10_1000_hz", *v, unit);
     seen(values.iter().map(feature).enumerate().collect())
@@ -90,7 +90,7 @@ fn velocity(values: &[f64]) -> Seen {
 
 impl Seen {
     /// Shows it to an engine; the verdict says nothing.
-    fn to(&self, engine: &mut AlarmEngine, time_s: f64) -> Vec<EventKind> {
+    pub(super) fn to(&self, engine: &mut AlarmEngine, time_s: f64) -> Vec<EventKind> {
         let channels: Vec<ChannelFeatures> = (0..CHANNELS.len())
             .map(|channel| ChannelFeatures {
                 channel: ChannelIndex(channel),
@@ -117,7 +117,7 @@ impl Seen {
 }
 
 /// The level of the one alarm whose condition is present.
-fn stands(engine: &AlarmEngine) -> Option<Level> {
+pub(super) fn stands(engine: &AlarmEngine) -> Option<Level> {
     let standing = engine.standing();
     standing.iter().find(|alarm| alarm.state.is_active()).map(|alarm| alarm.level)
 }
@@ -134,7 +134,8 @@ fn levels(rest: &str, windows: &[Seen]) -> Vec<Option<Level>> {
     windows.iter().map(step).collect()
 }
 
-const VELOCITY: &str = "[[limits.alarm]]\nid = 'v'\nkind = 'velocity_rms'\nchannels = ['x']\n";
+pub(super) const VELOCITY: &str =
+    "[[limits.alarm]]\nid = 'v'\nkind = 'velocity_rms'\nchannels = ['x']\n";
 
 #[test]
 fn zones_of_the_group_are_the_limits_and_a_boundary_is_on_the_better_side() {
@@ -440,7 +441,7 @@ fn a_limits_alarm_goes_on_after_a_restart() {
     assert!(after.restore(kept.clone(), Moment::of_stream(0.0)).is_empty());
     assert_eq!(velocity(&[3.0]).to(&mut after, 20.0), []);
     assert_eq!(velocity(&[5.0]).to(&mut after, 30.0), [EventKind::Escalated]);
-    // Without the limit the condition ends.
+    // Without the limit it is over.
     let mut gone = engine("");
     assert_eq!(gone.restore(kept, Moment::of_stream(0.0)).len(), 1);
 }

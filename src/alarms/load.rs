@@ -73,7 +73,8 @@ fn is_annunciated(event: &AlarmEvent) -> bool {
         | EventKind::Cleared
         | EventKind::Shelved
         | EventKind::Suppressed
-        | EventKind::RemovedFromService => false,
+        | EventKind::RemovedFromService
+        | EventKind::ConfigurationRemoved => false,
     }
 }
 

@@ -13,6 +13,8 @@ pub mod limit;
 mod slot;
 mod stated;
 mod decisions;
+mod advance;
+mod renewal;
 pub mod load;
 pub mod past;
 
@@ -21,6 +23,10 @@ pub use action::Action;
 pub use action::ActionError;
 pub use action::MAX_TEXT_CHARS;
 pub use action::Moment;
+pub use advance::Advance;
+pub use advance::AdvanceError;
+pub use advance::Announcement;
+pub use advance::Subject;
 pub use alarm::Acknowledgement;
 pub use alarm::Alarm;
 pub use alarm::AlarmEvent;
@@ -79,6 +85,10 @@ pub struct Kept {
     pub judged_until_s: Option<f64>,
     /// Delays and hysteresis as they were then; `None`: they begin anew.
     pub decisions: Option<Decisions>,
+    /// Silences in advance that hold.
+    pub advance: Vec<Advance>,
+    /// Highest number of one so far.
+    pub last_advance: u64,
 }
 
 /// The alarms of one machine.
@@ -93,8 +103,9 @@ pub struct AlarmEngine {
     stream: Slot,
     /// The store does not take what it is given.
     store: Slot,
-    /// Alarms of what is no longer in the machine file.
-    orphans: Vec<Slot>,
+    /// Silences in advance, oldest first.
+    advance: Vec<Advance>,
+    last_advance: u64,
     /// Stream time of the newest verdict.
     last_verdict_s: Option<f64>,
     judged_until_s: f64,
@@ -114,7 +125,8 @@ impl AlarmEngine {
             stated: Stated::default(),
             stream: Slot::default(),
             store: Slot::default(),
-            orphans: Vec::new(),
+            advance: Vec::new(),
+            last_advance: 0,
             last_verdict_s: None,
             judged_until_s: f64::NEG_INFINITY,
             next_id: 1,
@@ -133,19 +145,31 @@ impl AlarmEngine {
 
     /// Goes on with what was kept before a restart. Levels stand as they stood, delays go on as far as they were
     /// kept: the time without the program is one that nobody judged, which holds every clock. Gives the
-    /// transitions that the restart itself causes: those of alarms of what is gone from the machine file.
+    /// transitions that the restart itself causes: alarms of what is gone from the machine file are over.
     pub fn restore(&mut self, kept: Kept, now: Moment) -> Vec<AlarmEvent> {
         self.next_id = self.next_id.max(kept.last_id.saturating_add(1));
         self.next_sequence = self.next_sequence.max(kept.last_sequence.saturating_add(1));
         self.judged_until_s = kept.judged_until_s.unwrap_or(f64::NEG_INFINITY);
         self.history = kept.history.into();
         self.bound_history();
-        for alarm in kept.alarms {
+        self.take_over_advance(kept.advance, kept.last_advance);
+        let ended = self.take_over(kept.alarms, now.stream_s);
+        if let Some(decisions) = &kept.decisions {
+            self.go_on(decisions, kept.judged_until_s.is_some());
+        }
+        ended
+    }
+
+    /// Gives each alarm its place. What is no longer in the machine file, a limit, a sensor or a component, is never
+    /// judged again: its alarm is over, whatever its state.
+    fn take_over(&mut self, alarms: Vec<Alarm>, time_s: f64) -> Vec<AlarmEvent> {
+        let mut orphans = Vec::new();
+        for alarm in alarms {
             let slot = Slot::restored(alarm);
             let Some(alarm) = &slot.alarm else { continue };
             match &alarm.source {
                 AlarmSource::Diagnosis if !self.stated.has(alarm.kind, &alarm.component) => {
-                    self.orphans.push(slot);
+                    orphans.push(slot);
                 }
                 AlarmSource::Diagnosis => {
                     self.components.insert((alarm.kind, alarm.component.clone()), slot);
@@ -153,23 +177,12 @@ impl AlarmEngine {
                 AlarmSource::Data if alarm.kind == ComponentKind::Machine => self.stream = slot,
                 AlarmSource::Store => self.store = slot,
                 AlarmSource::Data | AlarmSource::Limit(_) => {
-                    self.orphans.extend(self.stated.restore(slot));
+                    orphans.extend(self.stated.restore(slot));
                 }
             }
         }
-        if let Some(decisions) = &kept.decisions {
-            self.go_on(decisions, kept.judged_until_s.is_some());
-        }
-        self.end_orphans(now.stream_s)
-    }
-
-    /// What is no longer in the machine file, a limit, a sensor or a component, holds no condition.
-    fn end_orphans(&mut self, time_s: f64) -> Vec<AlarmEvent> {
-        let mut moved = Vec::new();
-        for slot in &mut self.orphans {
-            moved.extend(slot::end(&mut slot.alarm, time_s));
-        }
-        self.record_all(moved, time_s)
+        let ended = orphans.into_iter().filter_map(|slot| slot::remove(slot.alarm?, time_s));
+        self.record_all(ended.collect(), time_s)
     }
 
     /// Takes a verdict at stream time `time_s` in and gives the transitions it causes.
@@ -235,7 +248,8 @@ impl AlarmEngine {
         flow: DataFlow<'_>,
         store_failure: Option<&str>,
     ) -> Vec<AlarmEvent> {
-        let mut events = self.end_shelvings(now);
+        self.end_advance(now);
+        let mut events = self.end_silences(now);
         let silent = match flow {
             DataFlow::Flowing | DataFlow::Unknown => None,
             DataFlow::SilentFor(for_s) if for_s < self.settings.missing_after_s => None,
@@ -276,23 +290,21 @@ impl AlarmEngine {
         events
     }
 
-    fn end_shelvings(&mut self, now: Moment) -> Vec<AlarmEvent> {
+    fn end_silences(&mut self, now: Moment) -> Vec<AlarmEvent> {
         let mut ended = Vec::new();
         for slot in self.alarms_mut() {
             let Some(alarm) = slot else { continue };
-            let until = alarm.silencing.as_ref().and_then(|silencing| silencing.until);
+            let Some(silencing) = &alarm.silencing else { continue };
+            let (silence, until) = (silencing.silence, silencing.until);
             if until.is_none_or(|until| now.monotonic_s < until.monotonic_s) {
                 continue;
             }
-            let Ok(after) =
-                alarm.position().after(AlarmInput::EndOf(Silence::Shelved), alarm.latching)
-            else {
-                continue;
-            };
+            let input = AlarmInput::EndOf(silence);
+            let Ok(after) = alarm.position().after(input, alarm.latching) else { continue };
             alarm.state = after.life;
             alarm.silencing = None;
             alarm.changed_at_s = now.stream_s;
-            ended.push((EventKind::Unshelved, alarm.clone()));
+            ended.push((EventKind::end_of(silence), alarm.clone()));
             if after.is_over() {
                 *slot = None;
             }
@@ -326,7 +338,7 @@ impl AlarmEngine {
         alarm.silencing = after.silence.and_then(|silence| {
             let kept = alarm.silencing.take();
             match act.action.input() {
-                AlarmInput::Life(_) => kept,
+                AlarmInput::Life(_) | AlarmInput::Removed => kept,
                 AlarmInput::Silence(_) | AlarmInput::EndOf(_) => {
                     Some(silencing(silence, act.action, &by, now))
                 }
@@ -352,7 +364,7 @@ impl AlarmEngine {
     #[must_use]
     pub fn standing(&self) -> Vec<Alarm> {
         let slots = self.components.values().chain(self.stated.slots());
-        let slots = slots.chain([&self.stream, &self.store]).chain(&self.orphans);
+        let slots = slots.chain([&self.stream, &self.store]);
         let mut alarms: Vec<Alarm> = slots.filter_map(|slot| slot.alarm.clone()).collect();
         alarms.sort_by_key(|alarm| std::cmp::Reverse(alarm.id));
         alarms
@@ -360,7 +372,7 @@ impl AlarmEngine {
 
     fn alarms_mut(&mut self) -> impl Iterator<Item = &mut Option<Alarm>> {
         let slots = self.components.values_mut().chain(self.stated.slots_mut());
-        let slots = slots.chain([&mut self.stream, &mut self.store]).chain(&mut self.orphans);
+        let slots = slots.chain([&mut self.stream, &mut self.store]);
         slots.map(|slot| &mut slot.alarm)
     }
 
@@ -384,6 +396,12 @@ impl AlarmEngine {
         self.next_sequence - 1
     }
 
+    /// Highest number of a silence in advance so far; 0: none was said.
+    #[must_use]
+    pub fn last_advance(&self) -> u64 {
+        self.last_advance
+    }
+
     /// Policy.
     #[must_use]
     pub fn settings(&self) -> &Settings {
@@ -402,7 +420,8 @@ impl AlarmEngine {
         self.next_sequence - 1 - self.history.len() as u64
     }
 
-    fn record_all(&mut self, moved: Vec<(EventKind, Alarm)>, time_s: f64) -> Vec<AlarmEvent> {
+    fn record_all(&mut self, mut moved: Vec<(EventKind, Alarm)>, time_s: f64) -> Vec<AlarmEvent> {
+        self.silence_raised(&mut moved);
         moved.into_iter().map(|(kind, alarm)| self.record(kind, time_s, None, alarm)).collect()
     }
 

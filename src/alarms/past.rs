@@ -227,7 +227,8 @@ impl PastAct {
             | EventKind::Suppressed
             | EventKind::Unsuppressed
             | EventKind::RemovedFromService
-            | EventKind::ReturnedToService => return None,
+            | EventKind::ReturnedToService
+            | EventKind::ConfigurationRemoved => return None,
         };
         Some(Self { at, action, alarm: event.alarm.clone() })
     }
@@ -368,6 +369,7 @@ impl Rerun {
             last_sequence: before.last_sequence(),
             judged_until_s: before.judged_until_s().filter(|_| goes_on),
             decisions: Some(before.decisions()),
+            ..Kept::default()
         };
         let now = Moment { stream_s: now_s, monotonic_s: 0.0, utc: stream.utc(now_s) };
         self.engine.restore(kept, now)

@@ -156,7 +156,7 @@ pub(super) fn transition(
 }
 
 /// Ends the condition of an alarm at stream time `time_s`, if one is standing and it is present.
-pub(super) fn end(slot: &mut Option<Alarm>, time_s: f64) -> Option<(EventKind, Alarm)> {
+fn end(slot: &mut Option<Alarm>, time_s: f64) -> Option<(EventKind, Alarm)> {
     let alarm = slot.as_mut().filter(|alarm| alarm.state.is_active())?;
     let kind = kind_of_going(alarm);
     let cleared = AlarmInput::Life(LifeInput::Cleared);
@@ -168,6 +168,14 @@ pub(super) fn end(slot: &mut Option<Alarm>, time_s: f64) -> Option<(EventKind, A
         *slot = None;
     }
     Some((kind, alarm))
+}
+
+/// Ends an alarm of what is no longer configured.
+pub(super) fn remove(mut alarm: Alarm, time_s: f64) -> Option<(EventKind, Alarm)> {
+    let after = alarm.position().after(AlarmInput::Removed, alarm.latching).ok()?;
+    (alarm.state, alarm.silencing) = (after.life, None);
+    alarm.changed_at_s = time_s;
+    Some((EventKind::ConfigurationRemoved, alarm))
 }
 
 /// What it is called when the condition of an alarm goes.

@@ -162,6 +162,7 @@ impl Position {
                 Ok(Self { life, silence: None })
             }
             AlarmInput::EndOf(ended) => Err(Refusal::NotSilent(ended)),
+            AlarmInput::Removed => Ok(Self::NORMAL),
         }
     }
 
@@ -249,6 +250,8 @@ pub enum AlarmInput {
     Silence(Silence),
     /// A silence ends, by an operator or, of a shelved alarm, by time.
     EndOf(Silence),
+    /// What it is about is no longer configured: nobody will ever judge it again.
+    Removed,
 }
 
 /// Why an act does not fit.
@@ -286,6 +289,7 @@ mod tests {
         let life = LifeInput::ALL.into_iter().map(AlarmInput::Life);
         life.chain(silences.clone().map(AlarmInput::Silence))
             .chain(silences.map(AlarmInput::EndOf))
+            .chain([AlarmInput::Removed])
             .collect()
     }
 
@@ -377,6 +381,7 @@ mod tests {
                             assert!(after.life.is_active());
                         }
                         AlarmInput::Life(LifeInput::Cleared) => assert!(!after.life.is_active()),
+                        AlarmInput::Removed => assert!(after.is_over()),
                         AlarmInput::Life(LifeInput::Acknowledge | LifeInput::Reset)
                         | AlarmInput::Silence(_)
                         | AlarmInput::EndOf(_) => {

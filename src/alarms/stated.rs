@@ -99,6 +99,16 @@ impl Stated {
         components.is_none_or(|known| known.contains(&(kind, id.to_owned())))
     }
 
+    /// Whether the machine file has a limit that raises alarms.
+    pub(super) fn has_limit(&self, id: &str) -> bool {
+        self.limits.iter().any(|one| one.judge.limit().id == id && one.judge.limit().raises)
+    }
+
+    /// Whether a sensor of the machine file has this channel.
+    pub(super) fn has_channel(&self, name: &str) -> bool {
+        self.channels.iter().any(|channel| channel.name == name)
+    }
+
     /// Puts an alarm of before a restart in its place; gives it back if there is none any more.
     pub(super) fn restore(&mut self, slot: Slot) -> Option<Slot> {
         let Some(alarm) = &slot.alarm else { return None };
@@ -174,6 +184,25 @@ impl Stated {
         }
         if is_same {
             self.clock = StartupClock::running_since(kept.startup_since_s);
+        }
+    }
+
+    /// Takes up delays and levels of the same stream with other settings: those of channels, and those of limits that
+    /// are what they were.
+    pub(super) fn renew(&mut self, before: &Self) {
+        for channel in &mut self.channels {
+            let was = before.channels.iter().find(|was| was.name == channel.name);
+            was.into_iter().for_each(|was| channel.slot.tracker = was.slot.tracker);
+        }
+        for limit in &mut self.limits {
+            let is_it = |was: &&Limit| was.judge.is_same(&limit.judge);
+            if let Some(was) = before.limits.iter().find(is_it) {
+                limit.slot.tracker = was.slot.tracker;
+                limit.judge.resume(&was.judge.levels());
+            }
+        }
+        if self.startup == before.startup {
+            self.clock = StartupClock::running_since(before.clock.since_s());
         }
     }
 

@@ -112,7 +112,7 @@ pub(super) async fn learn(
     };
     let warnings: Vec<String> = measured.iter().flat_map(|found| found.warnings.clone()).collect();
     let records: Vec<Record> = measured.into_iter().map(|found| found.record).collect();
-    let load_bins = handle.machine.limits.load_bins.clone();
+    let load_bins = handle.machine().limits.load_bins.clone();
     let at = (desk(&state)?.wall_clock)();
     let (author, comment) = (&*body.author, &*body.comment);
     let signed = Signed::new(&id, (author, comment), at, records, &load_bins)?;
@@ -152,7 +152,7 @@ pub(super) async fn activate(
     let handle = state.machine(&id)?;
     signed::check_by(&by.author, &by.comment)?;
     let at = (desk(&state)?.wall_clock)();
-    let load_bins = handle.machine.limits.load_bins.clone();
+    let load_bins = handle.machine().limits.load_bins.clone();
     let done = on_store(&state, move |store| {
         let act = Act { author: &by.author, comment: &by.comment, at };
         store::use_again(store, (&id, &bid), &load_bins, &act)
@@ -263,7 +263,7 @@ async fn measure(
     handle: &MachineHandle,
     names: Vec<String>,
 ) -> Result<Vec<Measured>, ApiError> {
-    let (measure, machine) = (Arc::clone(&desk(state)?.measure), Arc::clone(&handle.machine));
+    let (measure, machine) = (Arc::clone(&desk(state)?.measure), handle.machine());
     let work = move || {
         let of =
             |name: &String| Ok(Measured { record: measure(&machine, name)?, warnings: vec![] });
@@ -320,11 +320,11 @@ impl From<KeepError> for ApiError {
 
 /// Has the shard use what is active now; a busy one is told again soon.
 async fn hand_out(state: &ApiState, handle: &MachineHandle) -> Result<(), ApiError> {
-    let machine = handle.machine.id.clone();
+    let machine = handle.id.clone();
     let records = on_store(state, move |store| active_records(store, &machine)).await??;
     let told = state.ask(handle, |reply| ShardRequest::UseBaselines { records, reply }).await;
     if told.is_err() {
-        tracing::warn!(machine = handle.machine.id, "the shard takes the baselines later");
+        tracing::warn!(machine = handle.id, "the shard takes the baselines later");
     }
     Ok(())
 }

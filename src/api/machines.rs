@@ -20,7 +20,7 @@ pub(super) async fn list(State(state): State<ApiState>) -> Json<MachineListWire>
     let items = state
         .machines
         .values()
-        .map(|handle| MachineItemWire::new(&handle.machine, &newest(handle)))
+        .map(|handle| MachineItemWire::new(&handle.machine(), &newest(handle)))
         .collect();
     Json(MachineListWire { items })
 }
@@ -41,7 +41,7 @@ pub(super) async fn describe(
     Path(id): Path<String>,
 ) -> Result<Json<MachineWire>, ApiError> {
     let handle = state.machine(&id)?;
-    Ok(Json(MachineWire::new(&handle.machine, &newest(handle))))
+    Ok(Json(MachineWire::new(&handle.machine(), &newest(handle))))
 }
 
 /// Gives the state of each component and since when.
@@ -60,7 +60,7 @@ pub(super) async fn health(
     Path(id): Path<String>,
 ) -> Result<Json<HealthWire>, ApiError> {
     let handle = state.machine(&id)?;
-    Ok(Json(HealthWire::new(&handle.machine, &newest(handle))))
+    Ok(Json(HealthWire::new(&handle.machine(), &newest(handle))))
 }
 
 /// Gives the newest diagnosis.
@@ -81,7 +81,10 @@ pub(super) async fn diagnosis(
 ) -> Result<Json<DiagnosisDocument>, ApiError> {
     let view = newest(state.machine(&id)?);
     match &view.diagnosis {
-        Some(diagnosis) => Ok(Json(DiagnosisDocument::new(diagnosis, None))),
+        Some(diagnosis) => {
+            let judged_by = Some(view.judged_by.to_string());
+            Ok(Json(DiagnosisDocument { judged_by, ..DiagnosisDocument::new(diagnosis, None) }))
+        }
         None => Err(ApiError::NotFound(format!("no window of {id:?} has been judged yet"))),
     }
 }

@@ -17,6 +17,7 @@ mod spectra;
 mod cwt;
 mod alarms;
 mod acts;
+mod silences;
 mod events;
 mod audit;
 mod service;
@@ -100,6 +101,8 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(acts::out_of_service))
         .routes(routes!(acts::return_to_service))
         .routes(routes!(acts::reset))
+        .routes(routes!(silences::list, silences::announce))
+        .routes(routes!(silences::revoke))
         .routes(routes!(events::follow))
         .routes(routes!(audit::list))
         .routes(routes!(audit::configurations))

@@ -2,14 +2,14 @@
 
 use super::error::ApiError;
 use super::state::{ApiState, newest};
-use super::view::{ReceiverStatus, RecordingView, SourceState};
+use super::view::{ConfigurationView, ReceiverStatus, RecordingView, SourceState};
 use super::wire::finite;
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
 use super::wire::system::{
-    EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire, StoreWire, StreamWire,
-    SystemWire, TrendStoreWire,
+    ConfigurationStateWire, EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire,
+    StoreWire, StreamWire, SystemWire, TrendStoreWire,
 };
 use axum::Json;
 use axum::extract::State;
@@ -95,10 +95,12 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             recording: handle.recording.as_ref().map(|view| recording(&view.borrow())),
         }
     });
+    let configuration = state.configuration.as_ref().map(|view| view.borrow().clone());
     Json(SystemWire {
         name: env!("CARGO_PKG_NAME").to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        configuration_hash: state.settings.configuration_hash.clone(),
+        configuration_hash: configuration.as_ref().map(|view| view.hash.clone()),
+        configuration: configuration.as_ref().map(configuration_wire),
         started_at: state.settings.started_at.map(|started| rfc3339(Some(started), 0.0)),
         store: state.store.as_ref().map(|store| StoreWire {
             failure: store.status.failure(),
@@ -109,7 +111,7 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
         receivers: state
             .events
             .iter()
-            .flat_map(|events| events.receivers.iter().map(receiver))
+            .flat_map(|events| events.receivers.borrow().iter().map(receiver).collect::<Vec<_>>())
             .collect(),
         event_streams: state.events.as_ref().map(|events| EventStreamsWire {
             open: events.open.get(),
@@ -131,6 +133,15 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
         }),
         streams: streams.collect(),
     })
+}
+
+fn configuration_wire(view: &ConfigurationView) -> ConfigurationStateWire {
+    ConfigurationStateWire {
+        since: rfc3339(Some(view.since), 0.0),
+        waiting_for_restart: view.restart.clone(),
+        rejected_at: view.rejected.as_ref().map(|(at, _)| rfc3339(Some(*at), 0.0)),
+        rejected_because: view.rejected.iter().flat_map(|(_, why)| why.iter().cloned()).collect(),
+    }
 }
 
 fn receiver(status: &ReceiverStatus) -> ReceiverWire {

@@ -43,7 +43,7 @@ pub(super) async fn channels(
     let senders = handle.ingest.as_ref().map(|status| status());
     let items = view.channels.iter().enumerate().map(|(index, info)| {
         let ring = view.rings.get(index).copied().unwrap_or_default();
-        let sensor = handle.machine.sensors.iter().find(|sensor| sensor.channel == info.name);
+        let sensor = view.machine.sensors.iter().find(|sensor| sensor.channel == info.name);
         ChannelWire {
             name: info.name.clone(),
             unit: info.unit.symbol().to_owned(),

@@ -96,14 +96,14 @@ pub(super) async fn spectrum(
     let handle = state.machine(&id)?;
     let view = newest(handle);
     let (_, info) = channel(&view, &name)?;
-    let sensor = handle.machine.sensors.iter().find(|sensor| sensor.channel == name);
+    let sensor = view.machine.sensors.iter().find(|sensor| sensor.channel == name);
     let request = SpectrumRequest::new(&query, info, sensor)?;
     let run = fetch(&state, &id, &name, query.end, request.n_wanted()).await?;
     let other = match query.kind {
         SpectrumKind::Absolute => {
             let other = match query.with.as_deref() {
                 Some(other) => other,
-                None => partner(&handle.machine, &name)?,
+                None => partner(&view.machine, &name)?,
             };
             channel(&view, other)?;
             // The same samples of both: the shorter end of the two decides.

@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::view::{
-    BaselineHandle, CaptureHandle, EventsHandle, IngestOpen, MachineHandle, MachineView,
-    ShardRequest, StoreHandle, TrendHandle,
+    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, IngestOpen, MachineHandle,
+    MachineView, ShardRequest, StoreHandle, TrendHandle,
 };
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{Semaphore, oneshot, watch};
 
 /// Limits and facts of the daemon.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,8 +30,6 @@ pub struct Settings {
     pub reply_timeout: Duration,
     /// Longest time a request may take.
     pub request_timeout: Duration,
-    /// Hash of the configuration.
-    pub configuration_hash: Option<String>,
     /// When the daemon started, wall clock.
     pub started_at: Option<Timestamp>,
 }
@@ -48,7 +46,6 @@ impl Settings {
             heartbeat: Duration::from_secs(15),
             reply_timeout: Duration::from_secs(2),
             request_timeout: Duration::from_secs(10),
-            configuration_hash: None,
             started_at: None,
         }
     }
@@ -80,6 +77,8 @@ pub struct ApiState {
     /// The history of trends; `None`: there is none.
     pub(super) trends: Option<TrendHandle>,
     pub(super) captures: Option<CaptureHandle>,
+    /// The configuration that holds; `None`: it is unknown.
+    pub(super) configuration: Option<watch::Receiver<ConfigurationView>>,
     /// Lets senders of samples in; `None`: no source has any.
     pub(super) ingest: Option<IngestOpen>,
     /// One permit a computation.
@@ -108,7 +107,7 @@ impl ApiState {
     ) -> Self {
         Self {
             machines: Arc::new(
-                machines.into_iter().map(|handle| (handle.machine.id.clone(), handle)).collect(),
+                machines.into_iter().map(|handle| (handle.id.clone(), handle)).collect(),
             ),
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
@@ -121,6 +120,7 @@ impl ApiState {
             events: None,
             trends: None,
             captures: None,
+            configuration: None,
             ingest: None,
         }
     }
@@ -141,6 +141,12 @@ impl ApiState {
     #[must_use]
     pub fn with_ingest(self, ingest: Option<IngestOpen>) -> Self {
         Self { ingest, ..self }
+    }
+
+    /// Shows the configuration that holds.
+    #[must_use]
+    pub fn with_configuration(self, configuration: watch::Receiver<ConfigurationView>) -> Self {
+        Self { configuration: Some(configuration), ..self }
     }
 
     /// Keeps baselines.

@@ -247,7 +247,7 @@ impl Service {
             recording: None,
             simulation: Some(sample_simulation(behaviour)),
             ingest: None,
-            machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
+            id: "rig-1".to_owned(),
             view: receiver,
             submit: Arc::new(submit),
         };
@@ -429,6 +429,8 @@ fn ring_status(info: &ChannelInfo) -> RingStatus {
 pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
     let channels = channel_infos();
     MachineView {
+        machine: Arc::new(file::parse(MACHINE, "rig.toml").unwrap()),
+        judged_by: "crc32:00000000".into(),
         source: SourceState::Running,
         stream_time_s: ring_status(&channels[0]).newest_time_s,
         start_time: Some(Timestamp(1_700_000_000_000_000_000)),
@@ -446,6 +448,7 @@ pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
         }]),
         alarm_load: load::of(engine.history(), &engine.standing(), 12.0),
         alarms: Arc::new(engine.standing()),
+        advance: engine.advance().into(),
         queue_bytes: 0,
         dropped: (0, 0),
     }
@@ -470,6 +473,15 @@ fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, behaviour: Beh
             ShardRequest::Act { act, reply } => {
                 let done = engine.act(&act, Moment::of_stream(12.0));
                 let _ = reply.send(done.map(|(alarm, _)| alarm).map_err(Into::into));
+            }
+            ShardRequest::Announce { wanted, reply } => {
+                let done = engine.announce(&wanted, Moment::of_stream(12.0));
+                let _ = reply.send(done.map(|(said, _)| said).map_err(Into::into));
+            }
+            ShardRequest::Revoke { number, by: (author, comment), reply } => {
+                let now = Moment::of_stream(12.0);
+                let done = engine.revoke(number, (&author, &comment), now);
+                let _ = reply.send(done.map(|(ended, _)| ended).map_err(Into::into));
             }
             ShardRequest::AlarmHistory { reply } => {
                 let events = engine.history().iter().cloned().collect();

@@ -5,8 +5,11 @@
 
 use crate::alarms::Act;
 use crate::alarms::ActionError;
+use crate::alarms::Advance;
+use crate::alarms::AdvanceError;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Announcement;
 use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
 use crate::diagnosis::baseline::Record;
@@ -52,6 +55,10 @@ pub enum SourceState {
 /// Immutable snapshot of one machine.
 #[derive(Debug, Clone)]
 pub struct MachineView {
+    /// The machine as it is described now.
+    pub machine: Arc<Machine>,
+    /// Hash of the configuration by which the newest verdict was judged.
+    pub judged_by: Arc<str>,
     /// The source.
     pub source: SourceState,
     /// Stream time of the newest sample judged or received, s.
@@ -71,6 +78,8 @@ pub struct MachineView {
     pub features: Arc<Vec<ChannelFeatures>>,
     /// All alarms that are not over, newest first.
     pub alarms: Arc<Vec<Alarm>>,
+    /// Silences in advance, oldest first.
+    pub advance: Arc<[Advance]>,
     /// What they ask of an operator.
     pub alarm_load: Load,
     /// Blocks waiting in the shard's queue, bytes.
@@ -130,6 +139,22 @@ pub enum ShardRequest {
         act: Act,
         /// The alarm after the act once that is stored, or why not.
         reply: oneshot::Sender<Result<Alarm, ActFailure>>,
+    },
+    /// An operator says a silence in advance.
+    Announce {
+        /// What.
+        wanted: Announcement,
+        /// It, once that is stored, or why not.
+        reply: oneshot::Sender<Result<Advance, AdvanceFailure>>,
+    },
+    /// An operator ends a silence that was said in advance.
+    Revoke {
+        /// Its number.
+        number: u64,
+        /// Who, and why.
+        by: (String, String),
+        /// It, once that is stored, or why not.
+        reply: oneshot::Sender<Result<Advance, AdvanceFailure>>,
     },
     /// The alarm events held in memory.
     AlarmHistory {
@@ -225,6 +250,17 @@ pub enum ActFailure {
     /// It was refused; nothing has changed.
     #[error(transparent)]
     Refused(#[from] ActionError),
+    /// It is in effect, but would be lost if the program ended now; the reason.
+    #[error("the act is in effect but not stored yet: {0}")]
+    NotStored(String),
+}
+
+/// Why a silence in advance is not answered with itself.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AdvanceFailure {
+    /// It was refused; nothing has changed.
+    #[error(transparent)]
+    Refused(#[from] AdvanceError),
     /// It is in effect, but would be lost if the program ended now; the reason.
     #[error("the act is in effect but not stored yet: {0}")]
     NotStored(String),
@@ -379,7 +415,7 @@ pub struct EventsHandle {
     /// Connections cut because their reader took nothing any more.
     pub stalled: Counter,
     /// Who is notified.
-    pub receivers: Arc<[ReceiverStatus]>,
+    pub receivers: watch::Receiver<Arc<[ReceiverStatus]>>,
 }
 
 impl std::fmt::Debug for EventsHandle {
@@ -405,14 +441,27 @@ impl std::fmt::Debug for TrendHandle {
     }
 }
 
+/// The configuration that holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationView {
+    /// Its hash.
+    pub hash: String,
+    /// Since when, UTC.
+    pub since: Timestamp,
+    /// What of the newest waits for a restart.
+    pub restart: Vec<String>,
+    /// When the newest was refused, and why; `None`: it was not.
+    pub rejected: Option<(Timestamp, Vec<String>)>,
+}
+
 /// Hands a request to a shard.
 pub type Submit = Arc<dyn Fn(ShardRequest) -> Result<(), ShardBusy> + Send + Sync>;
 
 /// One machine as the API sees it.
 #[derive(Clone)]
 pub struct MachineHandle {
-    /// The machine.
-    pub machine: Arc<Machine>,
+    /// Machine id.
+    pub id: String,
     /// Newest snapshot.
     pub view: watch::Receiver<Arc<MachineView>>,
     /// What is recorded; `None` if nothing is.
@@ -425,8 +474,16 @@ pub struct MachineHandle {
     pub submit: Submit,
 }
 
+impl MachineHandle {
+    /// The machine as it is described now.
+    #[must_use]
+    pub fn machine(&self) -> Arc<Machine> {
+        Arc::clone(&self.view.borrow().machine)
+    }
+}
+
 impl std::fmt::Debug for MachineHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MachineHandle").field("machine", &self.machine.id).finish_non_exhaustive()
+        f.debug_struct("MachineHandle").field("machine", &self.id).finish_non_exhaustive()
     }
 }

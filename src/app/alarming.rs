@@ -12,6 +12,7 @@ use crate::alarms::load;
 use crate::alarms::load::Load;
 use crate::alarms::state::AlarmState;
 use crate::api::view::ActFailure;
+use crate::api::view::AlarmHistory;
 use crate::api::view::SourceState;
 use crate::notify::HealthChange;
 use crate::telemetry::AlarmLoadMetrics;
@@ -23,7 +24,7 @@ use tokio::sync::oneshot;
 #[derive(Debug)]
 pub(super) struct Alarming {
     machine: String,
-    keeper: MachineKeeper,
+    pub(super) keeper: MachineKeeper,
     /// Whether silence of the source is a fault: a replay may wait for its next segment.
     is_live: bool,
     last_block: Instant,
@@ -49,6 +50,11 @@ impl Alarming {
     /// This instant, at a stream time.
     pub(super) fn moment(&self, stream_s: f64) -> Moment {
         self.keeper.clock().moment(stream_s)
+    }
+
+    /// What follows is judged by the configuration with this hash.
+    pub(super) fn renew(&mut self, configuration: &str) {
+        self.keeper.renew(configuration);
     }
 
     /// A block has come.
@@ -130,6 +136,15 @@ impl Alarming {
         }
     }
 
+    /// The newest transitions: those of the engine's history, and before them what the store does not have yet.
+    pub(super) fn history(&mut self, engine: &AlarmEngine) -> AlarmHistory {
+        let oldest_held = engine.history_dropped() + 1;
+        let mut events = self.keeper.unstored_before(oldest_held);
+        let dropped = events.first().map_or(oldest_held, |first| first.sequence) - 1;
+        events.extend(engine.history().iter().cloned());
+        AlarmHistory { events, dropped }
+    }
+
     /// Counts what the standing alarms ask of an operator.
     pub(super) fn load(&self, engine: &AlarmEngine, standing: &[Alarm], stream_s: f64) -> Load {
         let load = load::of(engine.history(), standing, stream_s);
@@ -150,7 +165,7 @@ impl Alarming {
         load
     }
 
-    fn note(&self, events: &[AlarmEvent]) {
+    pub(super) fn note(&self, events: &[AlarmEvent]) {
         self.transitions.inc_by(events.len() as u64);
         for event in events {
             tracing::warn!(

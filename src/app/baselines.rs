@@ -108,7 +108,7 @@ impl Watch {
         }
         let mut all_told = true;
         for handle in &self.machines {
-            let records = active_records(&self.store, &handle.machine.id)?;
+            let records = active_records(&self.store, &handle.id)?;
             let (reply, _nobody_waits) = oneshot::channel();
             all_told &= (handle.submit)(ShardRequest::UseBaselines { records, reply }).is_ok();
         }

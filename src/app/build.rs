@@ -14,7 +14,7 @@ use super::live;
 use super::live::Port;
 use super::monitored::Monitored;
 use super::monitored::Opened;
-use super::notify::NotifyPlan;
+use super::notify::Notifier;
 use super::recording::Recording;
 use super::shard;
 use super::shard::Heartbeat;
@@ -104,12 +104,14 @@ pub(super) struct Plan {
     pub(super) shards: Vec<ShardPlan>,
     pub(super) sources: Vec<SourcePlan>,
     pub(super) handles: Vec<MachineHandle>,
+    /// The ways to the machines, in the order of the configuration.
+    pub(super) links: Vec<Link>,
     pub(super) metrics: Arc<Metrics>,
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
     pub(super) baselines: BaselineHandle,
     pub(super) events: EventsHandle,
-    pub(super) notify: NotifyPlan,
+    pub(super) notify: Notifier,
     pub(super) trending: TrendPlan,
     pub(super) trends: TrendHandle,
     /// The ways of live senders.
@@ -147,9 +149,11 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         .collect();
     let assigned = shard::assign(&loads, n_shards);
     let (mut sources, mut handles, mut ports) = (Vec::new(), Vec::new(), Vec::new());
+    let mut links = Vec::new();
     for ((entry, stream), shard) in config.machines.iter().zip(streams).zip(assigned) {
         let shard = &mut shards[shard];
         let link = Link::new(Arc::clone(&shard.queue), shard.machines.len());
+        links.push(link.clone());
         for note in &entry.machine.notes {
             tracing::warn!(machine = entry.machine.id, note, "machine file");
         }
@@ -176,6 +180,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         shards,
         sources,
         handles,
+        links,
         metrics,
         keeper,
         keeping,
@@ -239,7 +244,7 @@ fn join(
         Monitored::new(Arc::clone(&entry.machine), opened, capturing, (losses, metrics));
     let submit: Submit = Arc::new(move |request| link.ask(request));
     let handle = MachineHandle {
-        machine: Arc::clone(&entry.machine),
+        id: id.clone(),
         view,
         recording: recording_view,
         simulation,
@@ -372,6 +377,7 @@ fn monitor(
             let keeper = keeper_of(&key);
             let (monitor, is_live, alarms) = (None, false, idle);
             return Ok(Opened {
+                configuration: configuration_hash(config).into(),
                 monitor,
                 source,
                 start_time,
@@ -397,6 +403,7 @@ fn monitor(
     let trending =
         Trending::new(stores.trend_keeper.clone(), &machine.id, &key, monitor.channels());
     Ok(Opened {
+        configuration: configuration_hash(config).into(),
         trending: Some(trending),
         monitor: Some(monitor),
         source: SourceState::Starting,

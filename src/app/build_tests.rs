@@ -3,6 +3,7 @@
 use super::super::tests::machine;
 use super::*;
 use crate::capture::hints::Hints;
+use crate::config::FileText;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 fn entry(id: &str) -> MachineConfig {
     MachineConfig {
         file: PathBuf::new(),
+        text: FileText::default(),
         machine: machine(id),
         baseline: Vec::new(),
         source: SourceConfig::Replay(replay::Settings {

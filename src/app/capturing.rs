@@ -14,6 +14,7 @@ use crate::config;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evidence::kept::Judged;
 use crate::pipeline::Monitor;
+use crate::pipeline::Settings;
 use crate::signal::Timestamp;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -37,6 +38,8 @@ pub struct Capturing {
     capturer: Capturer,
     header: CaptureHeader,
     judged: Arc<Judged>,
+    /// Hash of the configuration.
+    configuration: String,
     held: Held,
     /// Captures that take what comes: their keys, and when they end, s of stream time.
     open: Vec<(u64, f64)>,
@@ -60,12 +63,21 @@ impl Capturing {
         settings: config::Captures,
         capturer: Capturer,
         header: CaptureHeader,
-        judged: Judged,
+        (judged, configuration): (Judged, String),
     ) -> Self {
         let held = Held::new(&judged.received, settings.before_s);
         let (machine, judged) = (machine.to_owned(), Arc::new(judged));
         let (open, begun) = (Vec::new(), VecDeque::new());
-        Self { machine, settings, capturer, header, judged, held, open, begun }
+        Self { machine, settings, capturer, header, judged, configuration, held, open, begun }
+    }
+
+    /// Windows are judged by other settings, or another description of the machine, from now on. Captures that are open
+    /// have their windows already.
+    pub(super) fn renew(&mut self, text: &str, settings: &Settings, configuration: &str) {
+        self.header.machine = Some(text.to_owned());
+        let settings = Settings { load: self.judged.settings.load, ..settings.clone() };
+        self.judged = Arc::new(Judged { settings, ..Judged::clone(&self.judged) });
+        configuration.clone_into(&mut self.configuration);
     }
 
     /// Lets the monitor keep as many windows as a capture can hold.
@@ -159,6 +171,7 @@ impl Capturing {
             machine: self.machine.clone(),
             header: self.header.clone(),
             judged: Arc::clone(&self.judged),
+            configuration: self.configuration.clone(),
             about,
             runs: self.held.runs(),
             windows: trail.into_iter().filter(is_past).collect(),

@@ -11,6 +11,9 @@ use super::http::ReadinessCheck;
 use super::link::ShardQueue;
 use super::live;
 use super::live::Hub;
+use super::notify::Notifier;
+use super::reload::Levers;
+use super::reload::Reloader;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated;
@@ -18,6 +21,7 @@ use super::source;
 use super::start_error::StartError;
 use super::stop::Stop;
 use crate::api::state;
+use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
 use crate::api::view::StoreHandle;
 use crate::config::Config;
@@ -27,7 +31,9 @@ use std::fmt;
 use std::io;
 use std::net::SocketAddr;
 use std::net::TcpListener;
+use std::path::Path;
 use std::sync::Arc;
+use std::sync::Mutex;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
@@ -35,6 +41,7 @@ use tokio::runtime::Runtime;
 use tokio::signal::unix::Signal;
 use tokio::signal::unix::SignalKind;
 use tokio::signal::unix::signal;
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
@@ -64,8 +71,10 @@ pub struct Daemon {
     queues: Vec<Arc<ShardQueue>>,
     runtime: Runtime,
     server: JoinHandle<()>,
-    /// Tasks that say goodbye to brokers.
-    notifying: Vec<JoinHandle<()>>,
+    notifier: Arc<Mutex<Notifier>>,
+    /// What other settings move; `None`: somebody follows the configuration already.
+    levers: Option<Levers>,
+    config: Config,
     server_stop: CancellationToken,
     signals: Signals,
     threads: Threads,
@@ -104,14 +113,15 @@ impl Daemon {
         let ingest = senders.as_ref().map(|(address, _)| *address);
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
-        let (events, notify) = (plan.events, plan.notify);
+        let (events, mut notifier) = (plan.events, plan.notify);
+        let links = plan.links;
         let (trending, trends) = (plan.trending, plan.trends);
+        let limits = Arc::clone(&trending.limits);
         let (writing, captures) = plan.captures.unzip();
         let clock = keeper.clock;
         let watch = Watch::new(&config.store.directory, handles.clone())?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads =
-            Threads::new(5 + shards.len() + sources.len() + notify.n_threads() + brokers.len());
+        let mut threads = Threads::new(6 + shards.len() + sources.len() + brokers.len());
         let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
         let started = threads
             .start("store".to_owned(), move || keeping.run())
@@ -121,47 +131,52 @@ impl Daemon {
                 Some(writing) => threads.start("captures".to_owned(), move || writing.run(clock)),
                 None => Ok(()),
             })
+            .and_then(|()| notifier.start(runtime.handle(), &handles, &server_stop))
             .and_then(|()| {
-                let start = |name, work| threads.start(name, work);
-                notify.start(runtime.handle(), &handles, &server_stop, start)
-            })
-            .and_then(|tasks| {
                 let (Some(hub), Some((_, listener))) = (hub.clone(), senders) else {
-                    return Ok(tasks);
+                    return Ok(());
                 };
                 let stop = Arc::clone(&stop);
                 let listen = move || live::tcp::run(&listener, &hub, &stop);
-                threads.start("senders".to_owned(), listen).map(|()| tasks)
+                threads.start("senders".to_owned(), listen)
             })
-            .and_then(|tasks| {
+            .and_then(|()| {
                 for (i, broker) in brokers.into_iter().enumerate() {
                     let stop = Arc::clone(&stop);
                     threads.start(format!("broker-{i}"), move || broker.run(&stop))?;
                 }
-                Ok(tasks)
+                Ok(())
             })
-            .and_then(|tasks| {
-                start_threads(&mut threads, shards, sources, &metrics, &stop).map(|()| tasks)
-            });
-        let notifying = match started {
-            Ok(tasks) => tasks,
-            Err(source) => {
-                queues.iter().for_each(|queue| queue.close());
-                stop.set();
-                return Err(system("threads for shards and sources", source));
-            }
+            .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
+        if let Err(source) = started {
+            queues.iter().for_each(|queue| queue.close());
+            stop.set();
+            return Err(system("threads for shards and sources", source));
+        }
+        let notifier = Arc::new(Mutex::new(notifier));
+        let since = super::wall_clock();
+        let hash = build::configuration_hash(config);
+        let holds = ConfigurationView { hash, since, restart: Vec::new(), rejected: None };
+        let (told, configuration) = watch::channel(holds);
+        let levers = Levers {
+            links,
+            machines: handles.clone(),
+            hub: hub.clone(),
+            limits,
+            baselines: Arc::clone(&baselines.store),
+            notifier: Arc::clone(&notifier),
+            keeper: keeper.clone(),
+            told,
+            metrics: metrics.configuration(),
         };
-        let settings = state::Settings {
-            started_at: Some(super::wall_clock()),
-            configuration_hash: Some(build::configuration_hash(config)),
-            ..state::Settings::new(address)
-        };
+        let settings = state::Settings { started_at: Some(since), ..state::Settings::new(address) };
         let store = StoreHandle { archive: keeper.archive, status: keeper.status };
         let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness);
         let stalled = events.stalled.clone();
         let state = state.with_store(store).with_baselines(baselines).with_events(events);
         let listener = http::Patient::new(listener, stalled);
         let state = state.with_trends(trends).with_captures(captures);
+        let state = state.with_configuration(configuration);
         let router = http::router(state.with_ingest(open.map(live::pipe::handle)));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
@@ -173,7 +188,9 @@ impl Daemon {
             queues,
             runtime,
             server,
-            notifying,
+            notifier,
+            levers: Some(levers),
+            config: config.clone(),
             server_stop,
             signals,
             threads,
@@ -198,6 +215,37 @@ impl Daemon {
         &self.handles
     }
 
+    /// Follows the configuration in `file`, of which the daemon was started: what is changed in it, or in the files it
+    /// names, is taken over as far as that is possible, at once when SIGHUP comes.
+    ///
+    /// # Errors
+    /// When the signal cannot be caught or the thread cannot be started.
+    pub fn follow(&mut self, file: &Path) -> Result<(), StartError> {
+        let Some(levers) = self.levers.take() else { return Ok(()) };
+        let (ask, asked) = mpsc::sync_channel(1);
+        let context = self.runtime.enter();
+        let caught = signal(SignalKind::hangup());
+        drop(context);
+        let mut hangup = caught.map_err(|source| system("the signal SIGHUP", source))?;
+        let stopped = self.server_stop.clone();
+        let _detached = self.runtime.spawn(async move {
+            loop {
+                tokio::select! {
+                    () = stopped.cancelled() => return,
+                    came = hangup.recv() => if came.is_none() { return },
+                }
+                tracing::info!(signal = "SIGHUP", "the configuration is read again");
+                // One that waits already is as good.
+                let _waits = ask.try_send(());
+            }
+        });
+        let reloader = Reloader::new(file.to_owned(), self.config.clone(), levers);
+        let stop = Arc::clone(&self.stop);
+        let started =
+            self.threads.start("settings".to_owned(), move || reloader.run(&asked, &stop));
+        started.map_err(|source| system("the thread for settings", source))
+    }
+
     /// Waits for SIGTERM or SIGINT.
     pub fn wait_for_signal(&mut self) {
         let signals = &mut self.signals;
@@ -212,7 +260,9 @@ impl Daemon {
 
     /// Ends everything within five seconds: no new connections, sources, shards, open connections.
     /// Threads that do not end in time are left to the end of the process.
-    pub fn stop(self) {
+    pub fn stop(mut self) {
+        // The store ends when nobody can send it anything any more.
+        self.levers = None;
         self.server_stop.cancel();
         self.stop.set();
         let n_bytes: usize = self.queues.iter().map(|queue| queue.bytes()).sum();
@@ -223,16 +273,17 @@ impl Daemon {
         if let Err(error) = self.runtime.block_on(self.server) {
             tracing::error!(%error, "http server panicked");
         }
+        // While receivers are exchanged they end by themselves.
+        let endings = self.notifier.try_lock().map_or_else(|_| Vec::new(), |mut n| n.endings());
         self.runtime.block_on(async {
             let goodbyes = async {
-                for task in self.notifying {
-                    if let Err(error) = task.await {
-                        tracing::error!(%error, "a notifying task panicked");
-                    }
+                for ended in endings {
+                    // Told or dropped: it has ended.
+                    let _ended = ended.await;
                 }
             };
             if tokio::time::timeout(http::GRACE, goodbyes).await.is_err() {
-                tracing::warn!("a broker was left without goodbye");
+                tracing::warn!("a receiver of notifications was left without goodbye");
             }
         });
         let n_left = self.threads.wait(THREAD_GRACE);

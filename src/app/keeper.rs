@@ -7,16 +7,21 @@ use super::Clock;
 use super::trouble::Troubles;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
+use crate::alarms::Signature;
 use crate::notify::HealthChange;
 use crate::store::Archive;
 use crate::store::Batch;
+use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::StreamKey;
+use crate::store::events::ConfigurationChange;
 use crate::store::writer::Done;
 use crate::store::writer::Job;
+use crate::store::writer::MAX_WAITING;
 use crate::store::writer::Status;
 use crate::store::writer::Writer;
 use crate::telemetry::StoreMetrics;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::sync::mpsc::RecvTimeoutError;
@@ -94,6 +99,18 @@ impl Keeper {
     }
 }
 
+impl Keeper {
+    /// Has what became of a configuration stored; what finds no room is counted as lost.
+    pub fn tell(&self, configuration: Vec<ConfigurationChange>, holds: Option<ConfigurationEntry>) {
+        let n = configuration.len();
+        let now = self.clock.moment(0.0);
+        let batch = Batch { now, configuration, holds, ..Batch::new("", Vec::new()) };
+        if self.jobs.try_send(Job { batch, done: None }).is_err() {
+            self.status.count_lost(n);
+        }
+    }
+}
+
 impl KeeperPlan {
     /// Writes until every sender is gone and everything is written.
     pub fn run(self) {
@@ -142,6 +159,13 @@ pub struct MachineKeeper {
     tells_store: bool,
     /// Send all standing alarms: events were lost.
     send_standing: bool,
+    /// Send all silences in advance: they changed.
+    send_advance: bool,
+    /// Acts that go with the next batch.
+    acts: Vec<(&'static str, Signature)>,
+    /// Transitions that are not stored yet, oldest first: what falls out of the engine's history before it is
+    /// stored shall still be shown. As many as may wait for the store.
+    unstored: VecDeque<AlarmEvent>,
     n_lost_seen: u64,
     /// When delays were kept, and up to which stream time they had gone, s.
     decisions_at: (Instant, Option<f64>),
@@ -160,6 +184,9 @@ impl MachineKeeper {
             stream,
             tells_store,
             send_standing: false,
+            send_advance: false,
+            acts: Vec::new(),
+            unstored: VecDeque::new(),
             n_lost_seen: 0,
             decisions_at,
             is_ending: false,
@@ -185,6 +212,17 @@ impl MachineKeeper {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
+    /// What follows is judged by the configuration with this hash: after a restart with it, what is kept is taken up.
+    pub fn renew(&mut self, configuration: &str) {
+        let Some(before) = &mut self.stream.judged_by else { return };
+        let before = std::mem::replace(before, configuration.to_owned());
+        if let Some(identity) = &mut self.stream.identity
+            && let Some(stream) = identity.strip_suffix(&before)
+        {
+            *identity = format!("{stream}{configuration}");
+        }
+    }
+
     /// Sends events on their way; `done` is told when they are stored, or why not.
     pub fn keep(
         &mut self,
@@ -194,10 +232,16 @@ impl MachineKeeper {
         done: Option<Done>,
     ) {
         let is_news = !events.is_empty() || !health.is_empty() || done.is_some();
-        if !is_news && !self.send_standing && !self.has_decisions_to_keep(engine) {
+        if !is_news
+            && !self.send_standing
+            && !self.send_advance
+            && !self.has_decisions_to_keep(engine)
+        {
             return;
         }
         let n_events = events.len() + health.len();
+        self.forget_stored();
+        self.unstored.extend(events.iter().cloned());
         let batch = Batch {
             machine: self.machine.clone(),
             stream: self.stream.clone(),
@@ -207,19 +251,46 @@ impl MachineKeeper {
             health,
             standing: self.send_standing.then(|| engine.standing()),
             // An engine that has judged nothing knows no more than what is kept.
+            configuration: Vec::new(),
+            holds: None,
+            advance: (self.send_standing || self.send_advance)
+                .then(|| (engine.advance().to_vec(), engine.last_advance())),
+            acts: std::mem::take(&mut self.acts),
             decisions: (self.stream.judged_by.is_some() && engine.judged_until_s().is_some())
                 .then(|| engine.decisions()),
         };
         self.decisions_at = (super::now(), batch.judged_until_s);
         match self.keeper.jobs.try_send(Job { batch, done }) {
-            Ok(()) => self.send_standing = false,
+            Ok(()) => (self.send_standing, self.send_advance) = (false, false),
             Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) => {
                 self.keeper.status.count_lost(n_events);
                 self.send_standing = true;
+                self.acts = job.batch.acts;
                 if let Some(done) = job.done {
                     done(Err("the store does not keep up".to_owned()));
                 }
             }
+        }
+    }
+
+    /// Silences in advance changed by this act: they go with the next batch.
+    pub fn note_advance(&mut self, act: &'static str, by: Signature) {
+        self.send_advance = true;
+        self.acts.push((act, by));
+    }
+
+    /// The transitions before number `before` that may not be in the store yet, oldest first and without a hole up
+    /// to it.
+    pub fn unstored_before(&mut self, before: u64) -> Vec<AlarmEvent> {
+        self.forget_stored();
+        self.unstored.iter().take_while(|event| event.sequence < before).cloned().collect()
+    }
+
+    fn forget_stored(&mut self) {
+        let stored_until = self.keeper.status.stored_until(&self.machine);
+        let is_stored = |event: &AlarmEvent| event.sequence <= stored_until;
+        while self.unstored.front().is_some_and(is_stored) || self.unstored.len() > MAX_WAITING {
+            self.unstored.pop_front();
         }
     }
 

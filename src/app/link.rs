@@ -3,6 +3,7 @@
 use super::queue::Closed;
 use super::queue::Queue;
 use super::queue::Refused;
+use super::renewal::Renewed;
 use crate::api::view::ShardBusy;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
@@ -34,6 +35,8 @@ pub enum Input {
     Source(SourceState),
     /// The stream is another one from here on.
     Open(Box<StreamInfo>),
+    /// The settings are others from here on.
+    Renew(Box<Renewed>),
 }
 
 /// Input or request, with the place of the machine on its shard.
@@ -156,7 +159,7 @@ fn bytes_of(input: &Input) -> usize {
         Input::Block(block, _) => block.samples.capacity() * size_of::<f32>(),
         Input::Rejected { reason, .. } => reason.len(),
         Input::Received(run) => run.bytes(),
-        Input::Source(_) => 0,
+        Input::Source(_) | Input::Renew(_) => 0,
         Input::Doubts(doubts) => doubts.iter().map(String::capacity).sum(),
         Input::Open(info) => size_of::<StreamInfo>() + info.channels.len() * 512,
     };

@@ -23,6 +23,9 @@ mod baselines;
 mod learning;
 mod metering;
 pub mod monitored;
+mod renewal;
+mod silencing;
+mod reload;
 pub mod shard;
 pub mod outlet;
 pub mod source;
@@ -44,18 +47,20 @@ use crate::signal::Timestamp;
 use daemon::Daemon;
 use start_error::StartError;
 use std::io::Write;
+use std::path::Path;
 use std::time::Instant;
 use std::time::SystemTime;
 
-/// Runs the daemon until SIGTERM or SIGINT.
+/// Runs the daemon until SIGTERM or SIGINT, and follows its configuration `file`.
 ///
 /// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`; the second, if a source
 /// has senders, `ingest on tcp://ADDRESS`.
 ///
 /// # Errors
 /// When the daemon cannot be started; nothing has been printed then.
-pub fn run(config: &Config, stdout: &mut dyn Write) -> Result<(), StartError> {
+pub fn run(config: &Config, file: &Path, stdout: &mut dyn Write) -> Result<(), StartError> {
     let mut daemon = Daemon::start(config)?;
+    daemon.follow(file)?;
     let mut lines = format!("listening on http://{}\n", daemon.address());
     if let Some(address) = daemon.ingest_address() {
         lines.push_str(&format!("ingest on tcp://{address}\n"));

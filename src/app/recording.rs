@@ -16,7 +16,6 @@ use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::ingest::replay::StreamInfo;
 use crate::telemetry::RecordingMetrics;
-use std::fs;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::time::Duration;
@@ -78,8 +77,7 @@ impl Recording {
         let header = RecordingHeader {
             capture: CaptureHeader {
                 start_time: info.start_time,
-                // It was read when the configuration was; a capture without it is still one.
-                machine: fs::read_to_string(&entry.file).ok(),
+                machine: Some(entry.text.0.to_string()),
                 shaft_speed: info.shaft_speed,
             },
             configuration: Some(super::build::configuration_hash(config)),

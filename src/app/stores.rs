@@ -9,7 +9,7 @@ use super::capturing::Capturing;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
 use super::notify;
-use super::notify::NotifyPlan;
+use super::notify::Notifier;
 use super::recording;
 use super::room::CapturesGiveWay;
 use super::room::Room;
@@ -33,7 +33,6 @@ use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::sqlite;
 use crate::telemetry::Metrics;
-use std::fs;
 use std::sync::Arc;
 use std::sync::Mutex;
 
@@ -44,7 +43,7 @@ pub(super) struct Stores {
     pub(super) keeping: KeeperPlan,
     pub(super) baselines: BaselineHandle,
     pub(super) events: EventsHandle,
-    pub(super) notify: NotifyPlan,
+    pub(super) notify: Notifier,
     pub(super) recordings: Option<Arc<Mutex<Recordings>>>,
     pub(super) trend_keeper: TrendKeeper,
     pub(super) trending: TrendPlan,
@@ -60,7 +59,7 @@ impl Stores {
     pub(super) fn open(
         config: &Config,
         streams: &[&StreamInfo],
-        metrics: &Metrics,
+        metrics: &Arc<Metrics>,
     ) -> Result<Self, StartError> {
         let (keeper, keeping) = open_keeper(config, metrics)?;
         let baselines = baselines::handle(config)?;
@@ -119,7 +118,7 @@ pub(super) fn capturing(
 ) -> Option<Capturing> {
     let header = CaptureHeader {
         start_time: info.start_time,
-        machine: fs::read_to_string(&entry.file).ok(),
+        machine: Some(entry.text.0.to_string()),
         shaft_speed: info.shaft_speed,
     };
     let judged = Judged {
@@ -128,5 +127,6 @@ pub(super) fn capturing(
         hints: SpeedHints { option: None, capture: info.shaft_speed },
         settings: Settings { load: info.load, ..config.monitor.clone() },
     };
-    Some(Capturing::new(&entry.machine.id, config.captures?, capturer, header, judged))
+    let by = (judged, configuration_hash(config));
+    Some(Capturing::new(&entry.machine.id, config.captures?, capturer, header, by))
 }

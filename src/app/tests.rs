@@ -134,6 +134,7 @@ pub(super) fn running_on(
     );
     let (keeper, keeping) = Keeper::new(store, archive, metrics.store());
     let opened = Opened {
+        configuration: "".into(),
         monitor: Some(monitor.unwrap()),
         source: SourceState::Starting,
         start_time: None,

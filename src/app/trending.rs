@@ -19,6 +19,7 @@ use crate::store::trends;
 use crate::store::trends::Holdings;
 use crate::store::trends::Minute;
 use crate::store::trends::Projection;
+use crate::store::trends::Retention;
 use crate::store::trends::SqliteTrendArchive;
 use crate::store::trends::SqliteTrends;
 use crate::store::trends::TrendStore;
@@ -74,6 +75,18 @@ pub struct Budget {
     pub recordings: Option<Arc<Mutex<Recordings>>>,
 }
 
+/// How long trends are kept and what they and recordings may take, once that is other than at the start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// How long.
+    pub retention: Retention,
+    /// Bytes of trends and recordings.
+    pub max_bytes: u64,
+}
+
+/// Where other limits are left for the thread.
+pub type NewLimits = Arc<Mutex<Option<Limits>>>;
+
 /// The writing side before its thread starts.
 pub struct TrendPlan {
     store: Box<dyn TrendStore>,
@@ -85,6 +98,8 @@ pub struct TrendPlan {
     metrics: TrendMetrics,
     /// Keeps room on the disk.
     pub(super) room: Option<Room>,
+    /// Other limits than those of the start.
+    pub(super) limits: NewLimits,
 }
 
 impl std::fmt::Debug for TrendPlan {
@@ -107,12 +122,8 @@ pub(super) fn open(
     let store = SqliteTrends::open(directory, config.store.trends)?;
     let (hop_s, features) = (config.monitor.hop_s, store.features_per_channel());
     let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
-    let segment_bytes = config.recording.map_or(0, |recording| recording.segment_bytes);
-    let budget = Budget {
-        max_bytes: config.bytes_beside_captures(),
-        for_recordings: segment_bytes.saturating_mul(config.machines.len() as u64 + 1),
-        recordings,
-    };
+    let max_bytes = config.bytes_beside_captures();
+    let budget = Budget { max_bytes, for_recordings: for_recordings(config), recordings };
     let limit_bytes = budget.max_bytes.saturating_sub(budget.for_recordings);
     let needed_bytes = needed.total();
     let Projection { windows_bytes, minutes_bytes, hours_bytes } = needed;
@@ -134,6 +145,26 @@ pub(super) fn open(
     Ok((keeper, plan, TrendHandle { archive, status, holdings }))
 }
 
+/// Bytes that recordings keep whatever trends take.
+fn for_recordings(config: &Config) -> u64 {
+    let segment_bytes = config.recording.map_or(0, |recording| recording.segment_bytes);
+    segment_bytes.saturating_mul(config.machines.len() as u64 + 1)
+}
+
+/// The limits of a configuration, unless trends of `n_channels` could not fit into them.
+///
+/// # Errors
+/// What they need and have.
+pub(super) fn limits(config: &Config, n_channels: usize) -> Result<Limits, StartError> {
+    let (retention, max_bytes) = (config.store.trends, config.bytes_beside_captures());
+    let needed = trends::project(&retention, n_channels, config.monitor.hop_s, None);
+    let limit_bytes = max_bytes.saturating_sub(for_recordings(config));
+    if needed.total() > limit_bytes {
+        return Err(StartError::Trends { n_channels, needed, limit_bytes });
+    }
+    Ok(Limits { retention, max_bytes })
+}
+
 /// Joins machines and a store by a queue.
 pub(super) fn join(
     store: Box<dyn TrendStore>,
@@ -150,7 +181,9 @@ pub(super) fn join(
         run: super::wall_clock(),
     };
     let room = None;
-    let plan = TrendPlan { store, minutes: inbox, bytes, status, budget, holdings, metrics, room };
+    let limits = NewLimits::default();
+    let minutes = inbox;
+    let plan = TrendPlan { store, minutes, bytes, status, budget, holdings, metrics, room, limits };
     (keeper, plan, view)
 }
 
@@ -170,7 +203,8 @@ impl TrendKeeper {
 impl TrendPlan {
     /// Writes until every sender is gone and everything is written.
     pub fn run(self, stop: &Stop) {
-        let Self { store, minutes, bytes, status, budget, holdings, metrics, room } = self;
+        let Self { store, minutes, bytes, status, mut budget, holdings, metrics, room, limits } =
+            self;
         let mut queue = Queue::new(store, &status);
         let mut prune_at = super::now();
         let (mut is_over, mut has_more) = (false, false);
@@ -193,6 +227,11 @@ impl TrendPlan {
                 let why = status.failure().map(|why| format!("trends cannot be stored: {why}"));
                 room.troubles.note("trends", why);
                 room.keep(queue.store(), now);
+            }
+            if let Some(new) = limits.lock().unwrap_or_else(PoisonError::into_inner).take() {
+                queue.store().retain(new.retention);
+                budget.max_bytes = new.max_bytes;
+                prune_at = super::now();
             }
             if !stop.is_set() {
                 has_more = queue.store().tidy(now).unwrap_or_else(|error| {

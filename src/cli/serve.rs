@@ -16,7 +16,7 @@ Examples:
   rotorwatch serve --config rotorwatch.toml
 
 The first line on stdout is the address: listening on http://127.0.0.1:8080. SIGTERM or SIGINT ends
-it within five seconds.";
+it within five seconds. SIGHUP, or a change of the configuration's files, has them read again.";
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ fn serve(file: &Path) -> ExitCode {
         Ok(config) => config,
         Err(errors) => return super::fail_lines(&errors),
     };
-    match app::run(&config, &mut io::stdout()) {
+    match app::run(&config, file, &mut io::stdout()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => super::fail(&error),
     }

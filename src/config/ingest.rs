@@ -5,7 +5,6 @@ use super::resolve::Resolver;
 use sha2::Digest;
 use sha2::Sha256;
 use std::fmt;
-use std::fs;
 use std::net::Ipv4Addr;
 use std::net::SocketAddr;
 
@@ -85,7 +84,7 @@ impl Resolver<'_> {
     /// Reads a file with a token a line; no message says what stands in it.
     fn tokens(&mut self, file: &str) -> Vec<Token> {
         let path = self.base.join(file);
-        let text = match fs::read_to_string(&path) {
+        let text = match self.read(&path) {
             Ok(text) => text,
             Err(error) => {
                 let message = format!("{} cannot be read: {error}", path.display());

@@ -5,9 +5,11 @@
 //! module nothing is checked twice. Must not start anything.
 
 pub mod keys;
+pub mod change;
 mod scan;
 mod raw;
 mod resolve;
+mod machines;
 mod notify;
 mod ingest;
 mod live;
@@ -60,6 +62,28 @@ pub struct Config {
     pub notify: receivers::Settings,
     /// The machines, each with its source.
     pub machines: Vec<MachineConfig>,
+    /// Every file it was read from.
+    pub files: Files,
+}
+
+/// Files that a configuration was read from. They are no part of what it says, nor of its hash.
+#[derive(Clone, PartialEq, Eq, Default)]
+pub struct Files(pub Vec<PathBuf>);
+
+impl fmt::Debug for Files {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Files")
+    }
+}
+
+/// The text of a file as it was read. It says nothing that was not parsed, and is no part of a hash.
+#[derive(Clone, PartialEq, Eq, Default)]
+pub struct FileText(pub Arc<str>);
+
+impl fmt::Debug for FileText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("FileText")
+    }
 }
 
 impl Config {
@@ -115,6 +139,8 @@ pub const RECORDING: recording::Settings =
 pub struct MachineConfig {
     /// The machine file.
     pub file: PathBuf,
+    /// Its text, which captures keep.
+    pub text: FileText,
     /// What it says.
     pub machine: Arc<Machine>,
     /// Healthy captures of the same machine.
@@ -147,6 +173,7 @@ impl Default for Config {
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
             notify: receivers::Settings::default(),
             machines: Vec::new(),
+            files: Files::default(),
         }
     }
 }
@@ -221,7 +248,8 @@ pub fn load_with(
         }
     };
     let base = path.parent().unwrap_or(Path::new(""));
-    let config = resolve::config(merged, base, &mut scan, &variables);
+    let mut config = resolve::config(merged, base, &mut scan, &variables);
+    config.files.0.push(path.to_owned());
     if scan.problems.is_empty() { Ok(config) } else { Err(ConfigErrors(scan.problems)) }
 }
 

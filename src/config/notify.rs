@@ -194,7 +194,7 @@ impl Resolver<'_> {
     fn secret_text(&mut self, place: &str, name: &str) -> Option<String> {
         let file = self.base.join(name);
         let too_long = fs::metadata(&file).is_ok_and(|file| file.len() > MAX_FILE_BYTES);
-        let text = if too_long { None } else { fs::read_to_string(&file).ok() };
+        let text = if too_long { None } else { self.read(&file).ok() };
         if text.is_none() {
             let message = format!(
                 "{} cannot be read as text of at most {MAX_FILE_BYTES} bytes",

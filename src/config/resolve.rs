@@ -3,11 +3,12 @@
 use super::CAPTURES;
 use super::Captures;
 use super::Config;
-use super::MachineConfig;
+use super::Files;
 use super::RECORDING;
 use super::SourceConfig;
 use super::Store;
 use super::keys;
+use super::machines::ReadMachine;
 use super::raw;
 use super::raw::Raw;
 use super::scan::Scan;
@@ -18,7 +19,6 @@ use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;
 use crate::ingest::replay;
 use crate::ingest::simulated;
-use crate::machine::Machine;
 use crate::pipeline;
 use crate::simulator::scenario;
 use crate::simulator::scenario::Wanted;
@@ -33,7 +33,6 @@ use std::fs;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Longest stretch of the past that is held for captures without being asked for, s.
 const MAX_SECONDS_BEFORE: f64 = 600.0;
@@ -52,14 +51,14 @@ pub(super) fn config(
     variables: &BTreeMap<String, String>,
 ) -> Config {
     let default = Config::default();
-    let mut resolver = Resolver { base, scan, variables };
+    let mut resolver = Resolver { base, scan, variables, files: Vec::new() };
     let max_bytes = raw.store.max_bytes.unwrap_or(default.store.max_bytes);
     let n_machines = raw.machine.len() as u64;
     let machines = resolver.machines(raw.machine, raw.source);
     let notify = resolver.receivers(raw.notify, &machines);
     let trends = retention(&raw.store, default.store.trends);
     let monitor = resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor);
-    Config {
+    let config = Config {
         bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
         ingest: resolver.ingest(raw.ingest),
         store: Store {
@@ -78,7 +77,9 @@ pub(super) fn config(
         ),
         notify,
         machines,
-    }
+        files: Files::default(),
+    };
+    Config { files: Files(resolver.files), ..config }
 }
 
 /// What the steps share.
@@ -89,9 +90,17 @@ pub(super) struct Resolver<'a> {
     scan: &'a mut Scan,
     /// Variables that override keys.
     variables: &'a BTreeMap<String, String>,
+    /// Files that were read.
+    files: Vec<PathBuf>,
 }
 
 impl Resolver<'_> {
+    /// Reads a file, and notes that it was.
+    pub(super) fn read(&mut self, file: &Path) -> std::io::Result<String> {
+        self.files.push(file.to_owned());
+        fs::read_to_string(file)
+    }
+
     /// Notes a mistake where the value came from: the environment, else the file.
     pub(super) fn report(&mut self, path: &str, message: String) {
         let variable = path
@@ -225,72 +234,8 @@ impl Resolver<'_> {
         settings
     }
 
-    fn machines(
-        &mut self,
-        machines: Vec<raw::Machine>,
-        sources: Vec<raw::Source>,
-    ) -> Vec<MachineConfig> {
-        let machines = self.read_machines(machines);
-        let mut sources = self.sources(sources, &machines);
-        let mut complete = Vec::new();
-        for read in machines {
-            match sources.remove(&read.machine.id) {
-                Some(source) => complete.extend(source.map(|source| MachineConfig {
-                    file: read.file,
-                    machine: read.machine,
-                    baseline: read.baseline,
-                    source,
-                })),
-                None => self.report(
-                    &read.path,
-                    format!(
-                        "machine {id:?} has no source: add a [[source]] with machine = {id:?}",
-                        id = read.machine.id
-                    ),
-                ),
-            }
-        }
-        complete
-    }
-
-    /// Reads the machine files; machines that cannot be read are left out and reported.
-    fn read_machines(&mut self, raw: Vec<raw::Machine>) -> Vec<ReadMachine> {
-        let mut machines: Vec<ReadMachine> = Vec::new();
-        for (i, entry) in raw.into_iter().enumerate() {
-            let path = format!("machine[{i}]");
-            let baseline = self.files(&format!("{path}.baseline"), entry.baseline);
-            let Some(file) = self.required(&path, "file", entry.file) else { continue };
-            let file = self.base.join(file);
-            let Some(machine) = self.machine(&format!("{path}.file"), &file) else { continue };
-            if machines.iter().any(|other| other.machine.id == machine.id) {
-                let message = format!("machine id {:?} is already used above", machine.id);
-                self.report(&format!("{path}.file"), message);
-                continue;
-            }
-            machines.push(ReadMachine { path, file, machine: Arc::new(machine), baseline });
-        }
-        machines
-    }
-
-    fn machine(&mut self, path: &str, file: &Path) -> Option<Machine> {
-        let text = match fs::read_to_string(file) {
-            Ok(text) => text,
-            Err(error) => {
-                self.report(path, format!("{} cannot be read: {error}", file.display()));
-                return None;
-            }
-        };
-        match crate::machine::file::parse(&text, &file.display().to_string()) {
-            Ok(machine) => Some(machine),
-            Err(errors) => {
-                self.foreign_mistakes(file.display().to_string(), &errors.to_string());
-                None
-            }
-        }
-    }
-
     /// Takes over the mistakes of another file, a line each.
-    fn foreign_mistakes(&mut self, place: String, mistakes: &str) {
+    pub(super) fn foreign_mistakes(&mut self, place: String, mistakes: &str) {
         let prefix = format!("{place}:");
         self.scan.problems.extend(mistakes.lines().map(|line| super::Problem {
             place: place.clone(),
@@ -299,7 +244,7 @@ impl Resolver<'_> {
     }
 
     /// Gives the source of each machine id; `None` for one that was reported.
-    fn sources(
+    pub(super) fn sources(
         &mut self,
         raw: Vec<raw::Source>,
         machines: &[ReadMachine],
@@ -388,7 +333,7 @@ impl Resolver<'_> {
     fn scene(&mut self, path: &str, name: &str) -> Option<Scene> {
         let file = self.base.join(name);
         let (text, place) = if file.is_file() {
-            match fs::read_to_string(&file) {
+            match self.read(&file) {
                 Ok(text) => (text, file.display().to_string()),
                 Err(error) => {
                     self.report(path, format!("{} cannot be read: {error}", file.display()));
@@ -446,7 +391,7 @@ impl Resolver<'_> {
     }
 
     /// Resolves paths and reports those that are no files.
-    fn files(&mut self, path: &str, names: Vec<String>) -> Vec<PathBuf> {
+    pub(super) fn files(&mut self, path: &str, names: Vec<String>) -> Vec<PathBuf> {
         let files: Vec<_> = names.iter().map(|name| self.base.join(name)).collect();
         for file in files.iter().filter(|file| !file.is_file()) {
             self.report(path, format!("there is no file {}", file.display()));
@@ -461,15 +406,6 @@ impl Resolver<'_> {
         }
         value
     }
-}
-
-/// A machine file that was read.
-struct ReadMachine {
-    /// Path of its entry, for messages.
-    path: String,
-    file: PathBuf,
-    machine: Arc<Machine>,
-    baseline: Vec<PathBuf>,
 }
 
 /// How long trends are kept.

@@ -47,7 +47,8 @@ fn the_reference_parses_to_the_defaults() {
     let dir = folder(REFERENCE);
     let config = load_with(&dir.path().join("serve.toml"), []).unwrap();
     let store = Store { directory: dir.path().join("data"), ..Store::default() };
-    assert_eq!(config, Config { store, ..Config::default() });
+    assert_eq!(config.files.0, [dir.path().join("serve.toml")]);
+    assert_eq!(config, Config { store, files: config.files.clone(), ..Config::default() });
 }
 
 #[test]

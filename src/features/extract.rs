@@ -46,6 +46,12 @@ use std::sync::Arc;
 /// Morlet parameter ω₀ of all CWT amplitudes: about six visible periods of the wavelet.
 pub const OMEGA0: f64 = std::f64::consts::TAU;
 
+/// Channel of each sensor, if the stream has it.
+fn places(machine: &Machine, channels: &[ChannelInfo]) -> Vec<Option<ChannelIndex>> {
+    let place = |name: &str| channels.iter().position(|c| c.name == name).map(ChannelIndex);
+    machine.sensors.iter().map(|sensor| place(&sensor.channel)).collect()
+}
+
 /// Measures windows of one machine's stream.
 #[derive(Debug)]
 pub struct Extractor {
@@ -61,12 +67,14 @@ impl Extractor {
     /// Prepares for a stream of `channels`.
     #[must_use]
     pub fn new(machine: Arc<Machine>, channels: Vec<ChannelInfo>, hints: SpeedHints) -> Self {
-        let channel_of_sensor = machine
-            .sensors
-            .iter()
-            .map(|s| channels.iter().position(|c| c.name == s.channel).map(ChannelIndex))
-            .collect();
+        let channel_of_sensor = places(&machine, &channels);
         Self { machine, channels, hints, channel_of_sensor, plans: Plans::new() }
+    }
+
+    /// Measures by another description of the machine from now on.
+    pub fn describe(&mut self, machine: Arc<Machine>) {
+        self.channel_of_sensor = places(&machine, &self.channels);
+        self.machine = machine;
     }
 
     /// Channel of each sensor of the machine, in its order.

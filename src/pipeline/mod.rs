@@ -4,6 +4,7 @@
 //! time is stream time, samples come in as arguments.
 
 mod copied;
+mod renewal;
 mod trail;
 mod windows;
 
@@ -35,6 +36,7 @@ use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
 use crate::units::Hz;
 use copied::Copied;
+pub use renewal::Renewal;
 use std::sync::Arc;
 use trail::Trail;
 pub use trail::{Carried, Passed, Run};

@@ -78,16 +78,24 @@ impl SqliteBaselines {
             if !work(&transaction)? {
                 return Ok(false);
             }
-            transaction.execute(
-                "INSERT INTO audit (recorded_utc, author, action, machine, comment, baseline)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-                params![act.at.0, act.author, action, machine, act.comment, id],
-            )?;
+            audit(&transaction, (action, machine, id), act)?;
             transaction.commit()?;
             Ok(true)
         };
         done().map_err(|source| failed("storing a baseline", source))
     }
+}
+
+fn audit(
+    transaction: &Transaction<'_>,
+    (action, machine, id): (&str, &str, &str),
+    act: &Act<'_>,
+) -> rusqlite::Result<()> {
+    let mut insert = transaction.prepare_cached(
+        "INSERT INTO audit (recorded_utc, author, action, machine, comment, baseline)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    )?;
+    insert.execute(params![act.at.0, act.author, action, machine, act.comment, id]).map(drop)
 }
 
 /// Marks a baseline as used, and those it takes the place of as not.
@@ -261,6 +269,24 @@ impl BaselineStore for SqliteBaselines {
         let work =
             |transaction: &Transaction<'_>| use_instead(transaction, (machine, id), replaced);
         self.commit(("baseline_activated", machine, id), act, work)
+    }
+
+    fn retire(&self, machine: &str, act: &Act<'_>) -> Result<Vec<String>, StoreError> {
+        let mut connection = self.connection();
+        let mut done = || -> rusqlite::Result<Vec<String>> {
+            let transaction = connection.transaction()?;
+            let ids = transaction
+                .prepare("SELECT id FROM baseline WHERE machine = ?1 AND active = 1 ORDER BY id")?
+                .query_map([machine], |row| row.get(0))?
+                .collect::<rusqlite::Result<Vec<String>>>()?;
+            for id in &ids {
+                transaction.execute("UPDATE baseline SET active = 0 WHERE id = ?1", [id])?;
+                audit(&transaction, ("baseline_stale", machine, id), act)?;
+            }
+            transaction.commit()?;
+            Ok(ids)
+        };
+        done().map_err(|source| failed("marking baselines as stale", source))
     }
 
     fn remove(&self, (machine, id): (&str, &str), act: &Act<'_>) -> Result<bool, StoreError> {

@@ -41,14 +41,58 @@ pub enum Happened {
     Alarm(Box<AlarmEvent>),
     /// A verdict changed.
     Health(HealthChange),
+    /// A configuration was read while the daemon ran.
+    Configuration(ConfigurationChange),
 }
+
+/// What became of a configuration that was read while the daemon ran.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationChange {
+    /// The machine it concerns; `None`: the daemon as a whole.
+    pub machine: Option<String>,
+    /// What.
+    pub outcome: ConfigurationOutcome,
+    /// Hash of the configuration that holds after it.
+    pub hash: String,
+    /// What has changed, or why it was refused.
+    pub text: String,
+}
+
+/// What may become of a configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ConfigurationOutcome {
+    /// It holds.
+    Applied,
+    /// It was refused; that of before holds.
+    Rejected,
+    /// A machine is measured anew for it.
+    Rebuilt,
+}
+
+impl ConfigurationOutcome {
+    /// Every one.
+    pub const ALL: [Self; 3] = [Self::Applied, Self::Rejected, Self::Rebuilt];
+
+    /// Name in documents.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Applied => "config_applied",
+            Self::Rejected => "config_rejected",
+            Self::Rebuilt => "machine_rebuilt",
+        }
+    }
+}
+
+/// What stands as the kind of such an entry.
+const CONFIGURATION: &str = "configuration";
 
 /// An entry of the log. Its stream times count from `start`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogEntry {
     /// Its place.
     pub place: u64,
-    /// Machine id.
+    /// Machine id; empty: it concerns the daemon as a whole.
     pub machine: String,
     /// When it was stored, UTC.
     pub recorded: Timestamp,
@@ -183,6 +227,35 @@ pub(super) fn write_health(
     Ok(())
 }
 
+/// Stores what became of a configuration.
+pub(super) fn write_configuration(
+    transaction: &Transaction<'_>,
+    recorded: Timestamp,
+    changes: &[ConfigurationChange],
+) -> rusqlite::Result<()> {
+    let mut insert = transaction.prepare_cached(
+        "INSERT INTO event (machine, recorded_utc, kind, component, state, why)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+    )?;
+    for change in changes {
+        let (hash, outcome) = (&change.hash, change.outcome.name());
+        let machine = change.machine.as_deref().unwrap_or_default();
+        insert.execute(params![machine, recorded.0, CONFIGURATION, hash, outcome, change.text])?;
+    }
+    Ok(())
+}
+
+fn configuration(row: &Row<'_>) -> Result<ConfigurationChange, StoreError> {
+    let named = |text: &str| ConfigurationOutcome::ALL.into_iter().find(|one| one.name() == text);
+    let machine: String = rows::get(row, "machine")?;
+    Ok(ConfigurationChange {
+        machine: Some(machine).filter(|machine| !machine.is_empty()),
+        outcome: rows::known("outcome", rows::get(row, "state")?, named)?,
+        hash: rows::get(row, "component")?,
+        text: rows::get(row, "why")?,
+    })
+}
+
 /// Removes the oldest entries above the numbers kept.
 pub(super) fn prune(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
     prune_to(transaction, MAX_ALARM_EVENTS, MAX_HEALTH_CHANGES)
@@ -278,6 +351,9 @@ fn entry(connection: &Connection, row: &Row<'_>) -> Result<Option<LogEntry>, Sto
             Some((event, start)) => (Happened::Alarm(Box::new(event)), start),
             None => return Ok(None),
         },
+        None if rows::get::<Option<String>>(row, "kind")?.as_deref() == Some(CONFIGURATION) => {
+            (Happened::Configuration(configuration(row)?), None)
+        }
         None => {
             let start = rows::get::<Option<i64>>(row, "start_utc")?.map(Timestamp);
             (Happened::Health(change(row)?), start)

@@ -77,7 +77,7 @@ fn a_transition_that_is_stored_again_has_no_second_place() {
         .iter()
         .map(|entry| match &entry.what {
             Happened::Alarm(event) => event.sequence,
-            Happened::Health(_) => 0,
+            Happened::Health(_) | Happened::Configuration(_) => 0,
         })
         .collect();
     assert_eq!(sequences, [1, 2]);
@@ -120,6 +120,7 @@ fn an_older_database_brings_its_history_into_the_log() {
         .execute_batch(
             "DROP TABLE event; DROP TABLE event_log; DROP TABLE health; DROP TABLE receiver;
              DROP TABLE capture; DROP TABLE alarm_capture; DROP TABLE decision;
+             DROP TABLE advance; DROP TABLE advance_last;
              PRAGMA user_version = 3;",
         )
         .unwrap();

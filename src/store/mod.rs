@@ -4,6 +4,7 @@
 //! that knows which database stands behind them. [`writer`] groups what comes into commits and keeps
 //! what could not be stored. Must not decide anything about alarms, read the clock or start threads.
 
+mod advance;
 pub mod audit;
 mod baselines;
 mod decisions;
@@ -20,15 +21,18 @@ pub mod trends;
 pub use baselines::SqliteBaselines;
 pub use keep::{KeepError, keep, take_away, use_again};
 
+use crate::alarms::Advance;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Decisions;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
+use crate::alarms::Signature;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed::Signed;
 use crate::notify::HealthChange;
 use crate::signal::Timestamp;
+use events::ConfigurationChange;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -48,7 +52,7 @@ pub struct StreamKey {
 /// What happened to the alarms of a machine at once: stored as a whole or not at all.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Batch {
-    /// Machine id.
+    /// Machine id; empty: it concerns the daemon as a whole.
     pub machine: String,
     /// Its stream.
     pub stream: StreamKey,
@@ -64,13 +68,40 @@ pub struct Batch {
     pub standing: Option<Vec<Alarm>>,
     /// Delays and hysteresis as they are at `judged_until_s`.
     pub decisions: Option<Decisions>,
+    /// All silences in advance that hold and the highest number so far, if they changed.
+    pub advance: Option<(Vec<Advance>, u64)>,
+    /// What was done beside alarms, by whom: lines of the audit.
+    pub acts: Vec<(&'static str, Signature)>,
+    /// What became of a configuration.
+    pub configuration: Vec<ConfigurationChange>,
+    /// The configuration that holds from now on.
+    pub holds: Option<ConfigurationEntry>,
 }
 
 impl Batch {
+    /// These events of a machine, at the beginning of a stream of which nothing else is known.
+    #[must_use]
+    pub fn new(machine: &str, events: Vec<AlarmEvent>) -> Self {
+        Self {
+            machine: machine.to_owned(),
+            stream: StreamKey::default(),
+            now: Moment::of_stream(0.0),
+            judged_until_s: None,
+            events,
+            health: Vec::new(),
+            standing: None,
+            decisions: None,
+            advance: None,
+            acts: Vec::new(),
+            configuration: Vec::new(),
+            holds: None,
+        }
+    }
+
     /// Things that happened.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.events.len() + self.health.len()
+        self.events.len() + self.health.len() + self.configuration.len()
     }
 
     /// Whether nothing happened.
@@ -194,6 +225,13 @@ pub trait BaselineStore: Send + Sync {
     /// # Errors
     /// When it cannot be stored, also if its id is there already; nothing has changed then.
     fn learn(&self, signed: &Signed, replaced: &[Arc<str>]) -> Result<(), StoreError>;
+
+    /// Uses no baseline of a machine any more, because what was measured means something else now; they can be activated
+    /// again. Gives their ids.
+    ///
+    /// # Errors
+    /// When that cannot be stored; nothing has changed then.
+    fn retire(&self, machine: &str, act: &Act<'_>) -> Result<Vec<String>, StoreError>;
 
     /// Uses a baseline of (machine, id) instead of those in `replaced`; false: there is none.
     ///

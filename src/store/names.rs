@@ -46,5 +46,6 @@ names! {
     event: EventKind {
         Raised, Escalated, DeEscalated, Returned, Acknowledged, Latched, Reset, Cleared, Shelved, Unshelved,
         Suppressed, Unsuppressed, RemovedFromService, ReturnedToService,
+        ConfigurationRemoved,
     }
 }

@@ -170,17 +170,11 @@ impl Reader {
         })
     }
 
-    /// A deadline goes on with the smaller of what was left when it was stored and what is left by the
-    /// wall clock: a clock that was set may end a shelf early, never keep it.
     fn silencing(self, row: &Row<'_>, shift_s: f64) -> Result<Option<Silencing>, StoreError> {
         let Some(kind) = get::<Option<String>>(row, "silence")? else { return Ok(None) };
         let until: Option<i64> = get(row, "until_utc")?;
         let stored_s = get::<Option<f64>>(row, "remaining_s")?.unwrap_or_default();
-        let until = until.map(|until| {
-            let by_clock_s = until.saturating_sub(self.now.utc.0) as f64 * 1e-9;
-            let left_s = stored_s.min(by_clock_s).max(0.0);
-            Deadline { monotonic_s: self.now.monotonic_s + left_s, utc: Timestamp(until) }
-        });
+        let until = until.map(|until| deadline(until, stored_s, self.now));
         Ok(Some(Silencing {
             silence: known("silence", kind, names::silence)?,
             author: get::<Option<String>>(row, "silence_author")?.unwrap_or_default(),
@@ -198,6 +192,14 @@ impl Reader {
             (None, _) | (_, None) => 0.0,
         })
     }
+}
+
+/// A deadline goes on with the smaller of what was left when it was stored and what is left by the wall clock: a clock
+/// that was set may end a silence early, never keep it.
+pub(super) fn deadline(until_utc: i64, stored_s: f64, now: Moment) -> Deadline {
+    let by_clock_s = until_utc.saturating_sub(now.utc.0) as f64 * 1e-9;
+    let left_s = stored_s.min(by_clock_s).max(0.0);
+    Deadline { monotonic_s: now.monotonic_s + left_s, utc: Timestamp(until_utc) }
 }
 
 fn source(row: &Row<'_>) -> Result<AlarmSource, StoreError> {
@@ -232,7 +234,7 @@ fn named<T>(
 pub(super) fn known<T>(
     what: &'static str,
     found: String,
-    read: fn(&str) -> Option<T>,
+    read: impl Fn(&str) -> Option<T>,
 ) -> Result<T, StoreError> {
     read(&found).ok_or(StoreError::Unknown { what, found })
 }

@@ -95,6 +95,15 @@ const MIGRATIONS: &[&str] = &[
     "CREATE TABLE decision (
         machine TEXT PRIMARY KEY, judged_by TEXT NOT NULL, numbers BLOB NOT NULL, words TEXT NOT NULL)
         WITHOUT ROWID;",
+    // 7: the log of events tells of configurations, of kind 'configuration': the component is the hash, the state what
+    // became of it, and no machine is the daemon as a whole.
+    "UPDATE event_log SET removed_until = removed_until;",
+    // 8: silences in advance of a machine: of a component, a limit or a channel; and their highest number.
+    "CREATE TABLE advance (
+        machine TEXT NOT NULL, number INTEGER NOT NULL, sort TEXT NOT NULL, kind TEXT, name TEXT NOT NULL,
+        silence TEXT NOT NULL, author TEXT NOT NULL, comment TEXT NOT NULL, since_utc INTEGER NOT NULL,
+        until_utc INTEGER, remaining_s REAL, PRIMARY KEY (machine, number)) WITHOUT ROWID;
+     CREATE TABLE advance_last (machine TEXT PRIMARY KEY, number INTEGER NOT NULL) WITHOUT ROWID;",
 ];
 
 /// The newest schema.

@@ -11,6 +11,7 @@ use super::EventQuery;
 use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
+use super::advance;
 use super::decisions;
 use super::events;
 use super::rows;
@@ -221,7 +222,14 @@ impl SqliteStore {
             n_new += write_events(&transaction, batch)?;
             let of = (batch.machine.as_str(), batch.stream.start, batch.now.utc);
             events::write_health(&transaction, of, &batch.health)?;
-            n_new += batch.health.len() as u64;
+            events::write_configuration(&transaction, batch.now.utc, &batch.configuration)?;
+            if let Some(entry) = &batch.holds {
+                write_holds(&transaction, entry)?;
+            }
+            n_new += (batch.health.len() + batch.configuration.len()) as u64;
+            if batch.machine.is_empty() {
+                continue;
+            }
             if let Some(standing) = &batch.standing {
                 transaction.execute("DELETE FROM alarm WHERE machine = ?1", [&batch.machine])?;
                 for alarm in standing {
@@ -229,6 +237,7 @@ impl SqliteStore {
                 }
             }
             write_stream(&transaction, batch)?;
+            advance::write(&transaction, batch)?;
             decisions::write(&transaction, batch)?;
         }
         let look = self.n_since_look + n_new >= LOOK_EVERY;
@@ -334,19 +343,25 @@ fn write_stream(transaction: &Transaction<'_>, batch: &Batch) -> rusqlite::Resul
     Ok(())
 }
 
+/// Notes the configuration that holds, unless it is the newest already.
+fn write_holds(connection: &Connection, entry: &ConfigurationEntry) -> rusqlite::Result<()> {
+    let done = connection.execute(
+        "INSERT INTO configuration (hash, version, since_utc) SELECT ?1, ?2, ?3 WHERE NOT EXISTS (
+            SELECT 1 FROM (SELECT hash, version FROM configuration ORDER BY id DESC LIMIT 1)
+            WHERE hash = ?1 AND version = ?2)",
+        params![entry.hash, entry.version, entry.since.0],
+    );
+    done.map(drop)
+}
+
 impl StateStore for SqliteStore {
     fn keep(&mut self, batches: &[Batch]) -> Result<(), StoreError> {
         self.write(batches).map_err(|source| failed("storing alarms", source))
     }
 
     fn note_configuration(&mut self, entry: &ConfigurationEntry) -> Result<(), StoreError> {
-        let done = self.connection.execute(
-            "INSERT INTO configuration (hash, version, since_utc) SELECT ?1, ?2, ?3 WHERE NOT EXISTS (
-                SELECT 1 FROM (SELECT hash, version FROM configuration ORDER BY id DESC LIMIT 1)
-                WHERE hash = ?1 AND version = ?2)",
-            params![entry.hash, entry.version, entry.since.0],
-        );
-        done.map(drop).map_err(|source| failed("storing the configuration's hash", source))
+        write_holds(&self.connection, entry)
+            .map_err(|source| failed("storing the configuration's hash", source))
     }
 }
 
@@ -432,7 +447,10 @@ impl Archive for SqliteArchive {
         };
         let mut history = read_events(&connection, &query, now)?;
         history.reverse();
+        let (advance, last_advance) = advance::read(&connection, machine, now)?;
         Ok(Kept {
+            advance,
+            last_advance,
             alarms,
             history,
             last_id: u64::try_from(last_id).unwrap_or(0),

@@ -81,20 +81,10 @@ pub(super) fn event(sequence: u64, kind: EventKind, alarm: &Alarm) -> AlarmEvent
 }
 
 pub(super) fn batch(events: Vec<AlarmEvent>) -> Batch {
-    Batch {
-        machine: "rig-1".to_owned(),
-        stream: StreamKey {
-            identity: Some("x.h5".to_owned()),
-            start: Some(START),
-            judged_by: None,
-        },
-        now: now(100.0, 40.0),
-        judged_until_s: Some(20.0),
-        events,
-        health: Vec::new(),
-        standing: None,
-        decisions: None,
-    }
+    let identity = Some("x.h5".to_owned());
+    let stream = StreamKey { identity, start: Some(START), judged_by: None };
+    let now = now(100.0, 40.0);
+    Batch { stream, now, judged_until_s: Some(20.0), ..Batch::new("rig-1", events) }
 }
 
 pub(super) fn open(directory: &Path) -> (SqliteStore, SqliteArchive) {

@@ -10,6 +10,7 @@ use super::events::Happened;
 use super::events::LogEntry;
 use crate::causes::with_causes;
 use crate::signal::Timestamp;
+use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::collections::VecDeque;
 use std::sync::Mutex;
@@ -49,6 +50,8 @@ pub struct Status {
     n_lost: AtomicU64,
     n_waiting: AtomicU64,
     unstored: Mutex<Unstored>,
+    /// Of each machine the highest number of a transition that is stored.
+    stored_until: Mutex<BTreeMap<String, u64>>,
 }
 
 /// Transitions that the store refused, in their order, with numbers that rise.
@@ -66,6 +69,25 @@ impl Status {
     pub fn unstored_after(&self, after: u64) -> Option<(u64, LogEntry)> {
         let unstored = self.unstored.lock().unwrap_or_else(PoisonError::into_inner);
         unstored.entries.iter().find(|(number, _)| *number > after).cloned()
+    }
+
+    /// Highest number of a transition of a machine that was stored since the start; 0: none was.
+    #[must_use]
+    pub fn stored_until(&self, machine: &str) -> u64 {
+        let stored = self.stored_until.lock().unwrap_or_else(PoisonError::into_inner);
+        stored.get(machine).copied().unwrap_or(0)
+    }
+
+    /// Notes that a batch is stored.
+    fn note_stored(&self, batch: &Batch) {
+        let Some(newest) = batch.events.iter().map(|event| event.sequence).max() else { return };
+        let mut stored = self.stored_until.lock().unwrap_or_else(PoisonError::into_inner);
+        match stored.get_mut(&batch.machine) {
+            Some(until) => *until = newest.max(*until),
+            None => {
+                stored.insert(batch.machine.clone(), newest);
+            }
+        }
     }
 
     /// Lets transitions of a refused batch be told.
@@ -208,6 +230,7 @@ impl<'s> Writer<'s> {
         match &answer {
             Ok(()) => {
                 self.status.n_stored.fetch_add(self.n_waiting as u64, Ordering::Relaxed);
+                self.waiting.iter().for_each(|batch| self.status.note_stored(batch));
                 self.waiting.clear();
                 (self.n_waiting, self.n_tellable) = (0, 0);
                 self.status.forget_unstored();

@@ -3,9 +3,11 @@
 //! Metrics have no global: one [`Metrics`] is made by `app` and handed on. Must not know machines,
 //! diagnoses or HTTP.
 
+mod configuration;
 mod log;
 mod meters;
 
+pub use configuration::ConfigurationMetrics;
 pub use log::LOG_VARIABLE;
 pub use log::LogError;
 pub use log::LogFormat;
@@ -120,6 +122,7 @@ pub struct Metrics {
     ingest: IngestMetrics,
     ingested: Family<FateLabels, Counter>,
     clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
+    configuration: ConfigurationMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -174,6 +177,7 @@ impl Metrics {
             ingest: IngestMetrics::default(),
             ingested: Family::default(),
             clock_drift: Family::default(),
+            configuration: ConfigurationMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -208,6 +212,7 @@ impl Metrics {
         metrics.register_captures(&mut registry);
         metrics.register_room(&mut registry);
         metrics.register_ingest(&mut registry);
+        metrics.configuration.register(&mut registry);
         metrics.registry = registry;
         metrics
     }

@@ -183,6 +183,48 @@ fn an_alarm_has_a_capture_that_is_judged_again_bit_by_bit() {
 }
 
 #[test]
+fn an_alarm_after_a_reload_is_judged_again_bit_by_bit_by_what_was_taken_over() {
+    // Damaged from the beginning, but nobody shall be told before a day is over.
+    let replay = "loop = true\nspeed = 40\n";
+    let config = |on_delay_s: u32| {
+        format!(
+            "{}{replay}",
+            CONFIG.replace("on_delay_s = 5.0", &format!("on_delay_s = {on_delay_s}"))
+        )
+    };
+    let daemon = daemon(&config(86_400), &signal(60.0, 0.0, |_| 20.0), None);
+    support::wait_until("a verdict on the bearing", || {
+        let (status, diagnosis) = daemon.get_json("/api/v1/machines/rig-1/diagnosis");
+        (status == 200 && diagnosis["state"] == "damaged").then_some(())
+    });
+    let (_, alarms) = daemon.get_json("/api/v1/alarms?machine=rig-1&component=right");
+    assert_eq!(alarms["items"], json!([]), "{alarms}");
+    let (_, before) = daemon.get_json("/api/v1/system");
+    fs::write(daemon.dir.path().join("serve.toml"), config(5)).unwrap();
+    let described = MACHINE.replace("name = \"Rig\"", "name = \"Rig of now\"");
+    fs::write(daemon.dir.path().join("rig.toml"), described).unwrap();
+    daemon.signal("HUP");
+    let alarm = bearing_alarm(&daemon);
+    let (_, system) = daemon.get_json("/api/v1/system");
+    assert_ne!(system["configuration_hash"], before["configuration_hash"]);
+    let captures = complete(&daemon);
+    let entry = captures
+        .iter()
+        .find(|capture| capture["alarms"].as_array().unwrap().contains(&alarm["id"]));
+    let elsewhere = TempDir::new().unwrap();
+    let file = download(&daemon, entry.unwrap()["id"].as_str().unwrap(), elsewhere.path());
+    let document = all_equal(&file, 1);
+    assert!(document["raised"].as_str().unwrap().contains("bearing right"), "{document}");
+    // It keeps the settings and the machine of now, and says whose they are.
+    let held = |text: &str| {
+        let bytes = fs::read(&file).unwrap();
+        bytes.windows(text.len()).any(|window| window == text.as_bytes())
+    };
+    assert!(held("Rig of now") && held(system["configuration_hash"].as_str().unwrap()));
+    assert!(!held(before["configuration_hash"].as_str().unwrap()));
+}
+
+#[test]
 fn windows_beside_a_gap_and_at_another_speed_are_the_same() {
     // 22 s, a hole of 7 s, 38 s; the speed rises by 1.5 % from 45 s to 50 s of the samples.
     let speed_hz = |t: f64| 20.0 + 0.06 * (t - 45.0).clamp(0.0, 5.0);

@@ -11,7 +11,6 @@ use std::collections::BTreeSet;
 use std::io::Write;
 use std::process::Command;
 use std::process::Stdio;
-use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -37,7 +36,7 @@ fn machine() -> String {
 }
 
 /// A folder whose daemon plays a capture once and tells `hooks`, each with further keys.
-fn folder(hooks: &[(&str, &str, &str)]) -> TempDir {
+pub(crate) fn folder(hooks: &[(&str, &str, &str)]) -> TempDir {
     let mut config =
         "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n[[source]]\n\
                       kind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\n"
@@ -53,7 +52,7 @@ fn folder(hooks: &[(&str, &str, &str)]) -> TempDir {
 }
 
 /// The whole history as the store has it, as ids of messages.
-fn history(daemon: &Daemon) -> Vec<String> {
+pub(crate) fn history(daemon: &Daemon) -> Vec<String> {
     let mut ids = Vec::new();
     let mut after = String::new();
     loop {
@@ -85,7 +84,7 @@ fn wait_told(daemon: &Daemon, name: &str, n: Option<usize>) {
 }
 
 /// Alarms that stand, with their states, when all do.
-fn alarms(daemon: &Daemon) -> BTreeMap<String, String> {
+pub(crate) fn alarms(daemon: &Daemon) -> BTreeMap<String, String> {
     support::wait_until("the alarms of all limits", || {
         let (_, list) = daemon.get_json("/api/v1/alarms?machine=rig-1");
         let items = list["items"].as_array().unwrap();
@@ -98,7 +97,7 @@ fn alarms(daemon: &Daemon) -> BTreeMap<String, String> {
 }
 
 /// Shelves and unshelves an alarm until the daemon no longer answers; counts the answers.
-fn operate(base_url: &str, id: &str, mut state: String, n_answers: &AtomicU64) {
+pub(crate) fn operate(base_url: &str, id: &str, mut state: String, n_answers: &AtomicU64) {
     let config = ureq::Agent::config_builder().http_status_as_error(false).build();
     let agent: ureq::Agent = config.into();
     loop {
@@ -391,118 +390,4 @@ fn mistakes_name_the_place_and_no_secret() {
     for secret in SECRETS {
         assert!(!ended.stderr.contains(secret), "{}", ended.stderr);
     }
-}
-
-/// An event of a stream.
-#[derive(Debug, Clone, PartialEq)]
-struct Event {
-    id: u64,
-    name: String,
-    data: Value,
-}
-
-/// Reads events of a stream until `enough`, or its end.
-fn events(
-    daemon: &Daemon,
-    query: &str,
-    last: Option<u64>,
-    enough: impl Fn(&[Event]) -> bool,
-) -> Vec<Event> {
-    use std::io::BufRead;
-    let agent: ureq::Agent = ureq::Agent::config_builder().build().into();
-    let mut request = agent.get(format!("{}/api/v1/events{query}", daemon.base_url));
-    if let Some(last) = last {
-        request = request.header("last-event-id", last.to_string());
-    }
-    let response = request.call().unwrap();
-    assert_eq!(response.headers()["content-type"], "text/event-stream");
-    let lines = std::io::BufReader::new(response.into_body().into_reader()).lines();
-    let mut found = Vec::new();
-    let (mut id, mut name, mut data) = (0, String::new(), None);
-    for line in lines {
-        let Ok(line) = line else { return found };
-        match line.split_once(':').map(|(field, value)| (field, value.trim_start())) {
-            Some(("id", value)) => id = value.parse().unwrap(),
-            Some(("event", value)) => name = value.to_owned(),
-            Some(("data", value)) => data = Some(serde_json::from_str(value).unwrap()),
-            Some(_) => {}
-            None => {
-                if let Some(data) = data.take() {
-                    found.push(Event { id, name: std::mem::take(&mut name), data });
-                }
-                if enough(&found) {
-                    return found;
-                }
-            }
-        }
-    }
-    found
-}
-
-#[test]
-fn a_stream_of_events_goes_on_over_restarts_without_loss_or_duplicate() {
-    let mut dir = folder(&[]);
-    let (mut received, mut last): (Vec<Event>, _) = (Vec::new(), 0);
-    for round in 0..4 {
-        let mut daemon = Daemon::start_in(dir);
-        let standing = alarms(&daemon);
-        let n_wanted = 3 + 4 * round;
-        let n_answers = AtomicU64::new(0);
-        let got = Mutex::new(Vec::new());
-        thread::scope(|scope| {
-            for (id, state) in standing {
-                let (url, n_answers) = (&daemon.base_url, &n_answers);
-                scope.spawn(move || operate(url, &id, state, n_answers));
-            }
-            // The first round has nothing to go on from; the place may be in the header or in the query.
-            let from = match round {
-                0 => events(&daemon, "?last_event_id=0", None, |found| found.len() > n_wanted),
-                1 => events(&daemon, "", Some(last), |found| found.len() > n_wanted),
-                _ => events(
-                    &daemon,
-                    &format!("?last_event_id={last}&machine=rig-1"),
-                    None,
-                    |found| found.len() > n_wanted,
-                ),
-            };
-            *got.lock().unwrap() = from;
-            daemon.signal(if round == 1 { "TERM" } else { "KILL" });
-        });
-        daemon.child.wait().unwrap();
-        dir = std::mem::replace(&mut daemon.dir, TempDir::new().unwrap());
-        let got = got.into_inner().unwrap();
-        assert_eq!((got[0].name.as_str(), got[0].id), ("begin", last), "{got:?}");
-        last = got.last().unwrap().id;
-        received.extend(got.into_iter().skip(1));
-    }
-    let daemon = Daemon::start_in(dir);
-    let expected = history(&daemon);
-    // What happened since the last one that was received, and nothing else.
-    let of_alarms = |events: &[Event]| -> Vec<String> {
-        let alarms = events.iter().filter(|event| event.name == "alarm");
-        alarms.map(|event| event.data["id"].as_str().unwrap().to_owned()).collect()
-    };
-    let n_missing = expected.len() - of_alarms(&received).len();
-    let rest = events(&daemon, &format!("?last_event_id={last}"), None, |found| {
-        of_alarms(found).len() >= n_missing
-    });
-    received.extend(rest.into_iter().skip(1));
-    assert_eq!(of_alarms(&received), expected);
-    let places: Vec<u64> = received.iter().map(|event| event.id).collect();
-    assert!(places.windows(2).all(|pair| pair[0] < pair[1]), "{places:?}");
-    assert!(received.iter().any(|event| event.name == "health"), "{received:?}");
-    // A restart is no news of health: each state of a component is told once.
-    let mut states: BTreeMap<String, Value> = BTreeMap::new();
-    for event in received.iter().filter(|event| event.name == "health") {
-        let key = format!("{} {}", event.data["kind"], event.data["component"]);
-        let state = json!([event.data["state"], event.data["fault"]]);
-        assert_ne!(states.insert(key, state.clone()), Some(state), "told twice: {event:?}");
-    }
-    // A place that the store does not have.
-    let reset = events(&daemon, "?last_event_id=99999999", None, |found| !found.is_empty());
-    assert_eq!(reset[0].name, "reset");
-    let (status, problem) = daemon.get_json("/api/v1/events?last_event_id=x");
-    assert_eq!(status, 400, "{problem}");
-    assert_eq!(daemon.get_json("/api/v1/events?machine=none").0, 404);
-    assert_eq!(daemon.terminate().status.code(), Some(0));
 }

@@ -119,6 +119,41 @@ fn a_bow_that_is_posted_is_named_and_its_alarm_returns_when_it_is_healed() {
 }
 
 #[test]
+fn a_bow_exceeds_the_limit_of_a_shafts_displacement_and_its_alarm_returns() {
+    let dir = folder("[alarms]\noff_delay_s = 5.0\n", &["rig-1"]);
+    // A bow of 203.2 um at mid-span moves the shaft there by 406.4 um peak to peak; slow, it adds next to nothing.
+    let limit = |id: &str, warning: f64, damaged: f64| {
+        format!(
+            "[[limits.alarm]]\nid = \"{id}\"\nkind = \"shaft_displacement\"\nchannels = [\"mid_x\"]\n\
+             warning_above = {warning:?}\ndamaged_above = {damaged:?}\n"
+        )
+    };
+    let below = limit("below", 200.0, 380.0);
+    let text = machine("rig-1") + &below + &limit("beyond", 440.0, 500.0);
+    fs::write(dir.path().join("rig-1.toml"), text).unwrap();
+    let daemon = Daemon::start_in(dir);
+    let of_limit = |id: &str| {
+        let (_, alarms) = daemon.get_json("/api/v1/alarms?machine=rig-1");
+        alarms["items"].as_array().unwrap().iter().find(|alarm| alarm["limit"] == id).cloned()
+    };
+    wait_for_shaft(&daemon, "rig-1", "healthy", None);
+    assert_eq!(of_limit("below"), None, "a straight shaft");
+    let wanted = json!({ "scenario": "GG_BS_GB", "grow_s": 5.0 });
+    assert_eq!(daemon.post_json(PATH, &wanted).0, 200);
+    let alarm = support::wait_until("the limit's alarm", || {
+        of_limit("below").filter(|alarm| alarm["level"] == "damaged")
+    });
+    assert_eq!((&alarm["source"], &alarm["active"]), (&json!("limit"), &json!(true)), "{alarm}");
+    assert_eq!((&alarm["kind"], &alarm["component"]), (&json!("shaft"), &json!("main")));
+    assert_eq!(daemon.post_json(PATH, &json!({ "faults": [] })).0, 200);
+    support::wait_until("its return", || {
+        of_limit("below").filter(|alarm| alarm["active"] == false)
+    });
+    assert_eq!(of_limit("beyond"), None, "never as much");
+    assert_eq!(daemon.terminate().status.code(), Some(0));
+}
+
+#[test]
 fn machines_are_simulated_independently_and_named_where_there_are_several() {
     let dir = folder("", &["rig-1", "rig-2"]);
     let replayed = "[[machine]]\nfile = \"still.toml\"\n[[source]]\nkind = \"replay\"\n\

@@ -227,6 +227,12 @@ impl Daemon {
         (status, serde_json::from_str(&text).unwrap_or_else(|e| panic!("{path}: {e}: {text}")))
     }
 
+    /// Status of a `DELETE`.
+    pub(crate) fn delete(&self, path: &str) -> u16 {
+        let response = agent().delete(format!("{}{path}", self.base_url)).call().unwrap();
+        response.status().as_u16()
+    }
+
     /// Status, headers `names` and bytes of a `GET` of binary content.
     pub(crate) fn get_binary(&self, path: &str, names: &[&str]) -> (u16, Vec<String>, Vec<u8>) {
         let request = agent().get(format!("{}{path}", self.base_url));

@@ -271,16 +271,8 @@ async fn older_events_come_from_the_store_as_one_history() {
     }
     let events: Vec<_> = before.history().iter().cloned().collect();
     let start = sample_view(&before).start_time;
-    let batch = Batch {
-        machine: "rig-1".to_owned(),
-        stream: StreamKey { start, ..StreamKey::default() },
-        now: Moment::of_stream(0.0),
-        judged_until_s: None,
-        events: events[..7].to_vec(),
-        health: Vec::new(),
-        standing: None,
-        decisions: None,
-    };
+    let stream = StreamKey { start, ..StreamKey::default() };
+    let batch = Batch { stream, ..Batch::new("rig-1", events[..7].to_vec()) };
     store.keep(&[batch]).unwrap();
     let mut engine = AlarmEngine::new("rig-1", Settings::default());
     let (alarms, history) = (before.standing(), events[7..].to_vec());

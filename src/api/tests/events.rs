@@ -6,7 +6,7 @@ use crate::alarms::{AlarmEngine, Moment, Settings};
 use crate::api::support::sample_diagnosis;
 use crate::notify::HealthWatch;
 use crate::store::events::SqliteEvents;
-use crate::store::{Batch, StateStore, StreamKey, sqlite};
+use crate::store::{Batch, StateStore, sqlite};
 use axum::http::Request;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
@@ -27,7 +27,7 @@ pub(super) fn handle(directory: &Path) -> (EventsHandle, watch::Sender<u64>) {
         open: Gauge::default(),
         refused: Counter::default(),
         stalled: Counter::default(),
-        receivers: Arc::new([]),
+        receivers: watch::channel(Arc::from([])).1,
     };
     (handle, told)
 }
@@ -40,14 +40,9 @@ fn service() -> (TempDir, Service, EventsHandle, watch::Sender<u64>) {
     let events = engine.observe(&sample_diagnosis(), 10.0);
     let health = HealthWatch::default().observe(&sample_diagnosis(), 10.0);
     let batch = |machine: &str| Batch {
-        machine: machine.to_owned(),
-        stream: StreamKey::default(),
         now: Moment::of_stream(10.0),
-        judged_until_s: None,
-        events: events.clone(),
         health: health.clone(),
-        standing: None,
-        decisions: None,
+        ..Batch::new(machine, events.clone())
     };
     store.keep(&[batch("rig-1"), batch("rig-2")]).unwrap();
     let (handle, told) = handle(dir.path());

@@ -163,5 +163,5 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 38);
+    assert_eq!(n_paths, 40);
 }

@@ -7,5 +7,6 @@ pub(super) mod captures;
 mod guards;
 mod machines;
 mod signals;
+mod silences;
 mod simulation;
 mod trends;

@@ -24,6 +24,9 @@ pub struct DiagnosisDocument {
     pub machine: String,
     /// Capture file; null in the daemon.
     pub capture: Option<String>,
+    /// Hash of the configuration it was judged by; only in the daemon.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub judged_by: Option<String>,
     /// Stream time covered, s.
     #[schemars(range(min = 0.0))]
     pub duration_s: f64,
@@ -209,6 +212,7 @@ impl DiagnosisDocument {
             schema: SCHEMA.to_owned(),
             machine: d.machine.clone(),
             capture: capture.map(str::to_owned),
+            judged_by: None,
             duration_s: finite(d.duration_s).unwrap_or(0.0),
             samples_used: d.samples_used,
             samples_rejected: d.samples_rejected,

@@ -69,6 +69,23 @@ pub struct HealthChangeWire {
     pub why: String,
 }
 
+/// What became of a configuration that was read while the daemon ran.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct ConfigurationChangeWire {
+    /// Its place among everything that happened; rises.
+    pub place: u64,
+    /// `config_applied`, `config_rejected` (that of before holds) or `machine_rebuilt`.
+    pub event: String,
+    /// Machine id; null: it concerns the daemon as a whole.
+    pub machine: Option<String>,
+    /// When it was stored, wall clock.
+    pub recorded_at: String,
+    /// Hash of the configuration that holds after it.
+    pub configuration_hash: String,
+    /// What has changed, what waits for a restart, or why it was refused.
+    pub why: String,
+}
+
 /// Where a stream of events begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
 pub struct PlaceWire {
@@ -110,6 +127,8 @@ pub enum HappenedWire {
     Alarm(Box<TransitionMessageWire>),
     /// A change of health.
     Health(Box<HealthChangeWire>),
+    /// A configuration.
+    Configuration(Box<ConfigurationChangeWire>),
 }
 
 impl HappenedWire {
@@ -123,6 +142,16 @@ impl HappenedWire {
             Happened::Health(change) => {
                 Self::Health(Box::new(HealthChangeWire::new(entry, change)))
             }
+            Happened::Configuration(change) => {
+                Self::Configuration(Box::new(ConfigurationChangeWire {
+                    place: entry.place,
+                    event: change.outcome.name().to_owned(),
+                    machine: change.machine.clone(),
+                    recorded_at: utc(entry.recorded),
+                    configuration_hash: change.hash.clone(),
+                    why: change.text.clone(),
+                }))
+            }
         }
     }
 
@@ -132,6 +161,7 @@ impl HappenedWire {
         match self {
             Self::Alarm(_) => "alarm",
             Self::Health(_) => "health",
+            Self::Configuration(_) => "configuration",
         }
     }
 
@@ -143,6 +173,7 @@ impl HappenedWire {
         match self {
             Self::Alarm(message) => serde_json::to_string(message),
             Self::Health(change) => serde_json::to_string(change),
+            Self::Configuration(change) => serde_json::to_string(change),
         }
     }
 }

@@ -209,6 +209,7 @@ names! {
         Unsuppressed = "unsuppressed",
         RemovedFromService = "removed_from_service",
         ReturnedToService = "returned_to_service",
+        ConfigurationRemoved = "configuration_removed",
     }
 }
 

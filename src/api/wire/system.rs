@@ -27,6 +27,8 @@ pub struct SystemWire {
     pub version: String,
     /// Hash of the configuration; null without one.
     pub configuration_hash: Option<String>,
+    /// What became of it while the daemon ran; null without one.
+    pub configuration: Option<ConfigurationStateWire>,
     /// When the daemon started, wall clock.
     pub started_at: Option<String>,
     /// How the store of alarms is doing; null without one.
@@ -39,6 +41,19 @@ pub struct SystemWire {
     pub trends: Option<TrendStoreWire>,
     /// One entry a machine.
     pub streams: Vec<StreamWire>,
+}
+
+/// The configuration that holds, and what became of the newest.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct ConfigurationStateWire {
+    /// Since when it holds, wall clock.
+    pub since: String,
+    /// What of the newest waits for a restart.
+    pub waiting_for_restart: Vec<String>,
+    /// When the newest was refused, wall clock; null: it was not.
+    pub rejected_at: Option<String>,
+    /// Every mistake in it, with its place.
+    pub rejected_because: Vec<String>,
 }
 
 /// How a receiver of notifications is doing.

@@ -52,6 +52,8 @@ pub(super) struct Order {
     pub(super) machine: String,
     pub(super) header: CaptureHeader,
     pub(super) judged: Arc<Judged>,
+    /// Hash of the configuration by which its windows were judged.
+    pub(super) configuration: String,
     pub(super) about: Table,
     pub(super) runs: Vec<Arc<Received>>,
     pub(super) windows: Vec<Arc<Passed>>,
@@ -195,18 +197,8 @@ pub(super) fn open(
     let capturer =
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
     let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root };
-    let configuration = crate::app::build::configuration_hash(config);
-    let plan = CapturesPlan {
-        jobs: inbox,
-        waiting,
-        index,
-        store,
-        configuration,
-        metrics,
-        room,
-        troubles,
-        give_way,
-    };
+    let plan =
+        CapturesPlan { jobs: inbox, waiting, index, store, metrics, room, troubles, give_way };
     Ok(Some(Captures { capturer, plan, handle }))
 }
 

@@ -55,7 +55,6 @@ pub(in crate::app) struct CapturesPlan {
     pub(super) waiting: Arc<AtomicUsize>,
     pub(super) index: Arc<dyn CaptureIndex>,
     pub(super) store: Store,
-    pub(super) configuration: String,
     pub(super) metrics: CaptureMetrics,
     pub(super) room: RoomMetrics,
     pub(super) troubles: Troubles,
@@ -66,6 +65,17 @@ impl std::fmt::Debug for CapturesPlan {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("CapturesPlan").finish_non_exhaustive()
     }
+}
+
+/// What a capture says of itself.
+fn about(mut about: Table, configuration: &str) -> Table {
+    let facts = [
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("processor", evidence::processor()),
+        ("configuration", configuration.to_owned()),
+    ];
+    about.extend(facts.map(|(key, text)| (key.to_owned(), Value::String(text))));
+    about
 }
 
 /// Stream time one past a run, s.
@@ -211,7 +221,7 @@ impl CapturesPlan {
             plan.place(channel, segment, run.start, run.n_samples as u64)
         };
         let windows = kept::placed(&order.windows, &place);
-        let about = self.about(order.about);
+        let about = about(order.about, &order.configuration);
         let evidence = kept::lists(&about, &order.judged, windows, &place);
         let n_windows = windows.len() as u64;
         let used = self.index.highest(&order.machine).map_err(|error| with_causes(&error))?;
@@ -235,7 +245,7 @@ impl CapturesPlan {
         self.index.begin(&entry).map_err(|error| with_causes(&error))?;
         let header = RecordingHeader {
             capture: order.header,
-            configuration: Some(self.configuration.clone()),
+            configuration: Some(order.configuration),
             evidence,
         };
         let rates_hz: Vec<f64> = received.iter().map(|channel| channel.sample_rate.0).collect();
@@ -258,16 +268,6 @@ impl CapturesPlan {
                 Err(why)
             }
         }
-    }
-
-    fn about(&self, mut about: Table) -> Table {
-        let facts = [
-            ("version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("processor", evidence::processor()),
-            ("configuration", self.configuration.clone()),
-        ];
-        about.extend(facts.map(|(key, text)| (key.to_owned(), Value::String(text))));
-        about
     }
 
     fn go_on(&mut self, key: u64, run: &Arc<Received>, open: &mut BTreeMap<u64, Open>) {

@@ -55,6 +55,7 @@ pub(in crate::app) fn join(
         waiting_bytes: 0,
     };
     let opened = Opened {
+        configuration: configuration_hash(&config).into(),
         monitor: None,
         source: SourceState::Starting,
         start_time: Some(origin),
@@ -87,7 +88,7 @@ pub(in crate::app) fn join(
     let shown = Arc::clone(&port);
     let submit: Submit = Arc::new(move |request| asked.ask(request));
     let handle = MachineHandle {
-        machine,
+        id: id.clone(),
         view,
         recording,
         simulation: None,

@@ -59,7 +59,7 @@ pub(super) fn unknown_stream() -> StreamInfo {
 /// What every connection shares.
 pub struct Hub {
     ports: BTreeMap<String, Arc<Port>>,
-    tokens: Vec<Token>,
+    tokens: Mutex<Arc<[Token]>>,
     max_connections: usize,
     n_connections: AtomicUsize,
     next_session: AtomicU64,
@@ -85,7 +85,7 @@ impl Hub {
     ) -> Self {
         Self {
             ports: ports.into_iter().map(|port| (port.machine().to_owned(), port)).collect(),
-            tokens: config.tokens.clone(),
+            tokens: Mutex::new(config.tokens.clone().into()),
             max_connections: config.max_connections,
             n_connections: AtomicUsize::new(0),
             next_session: AtomicU64::new(0),
@@ -140,10 +140,16 @@ impl Hub {
         })
     }
 
+    /// Lets in who has one of these tokens from now on; who is in stays.
+    pub(super) fn set_tokens(&self, tokens: &[Token]) {
+        *self.tokens.lock().unwrap_or_else(PoisonError::into_inner) = tokens.into();
+    }
+
     /// Checks a token; every configured one is looked at, whatever it begins with.
     fn authorise(&self, token: &str) -> Result<(), Refusal> {
-        let is_known = self.tokens.iter().fold(false, |known, one| known | one.is(token));
-        if self.tokens.is_empty() || is_known {
+        let tokens = Arc::clone(&self.tokens.lock().unwrap_or_else(PoisonError::into_inner));
+        let is_known = tokens.iter().fold(false, |known, one| known | one.is(token));
+        if tokens.is_empty() || is_known {
             return Ok(());
         }
         let text = "the token is missing or none of those in [ingest] token_file";

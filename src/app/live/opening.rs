@@ -17,6 +17,7 @@ use crate::config::MachineConfig;
 use crate::diagnosis::baseline::Baseline;
 use crate::ingest::replay::StreamInfo;
 use crate::pipeline::Monitor;
+use crate::pipeline::Renewal;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
 use crate::store::BaselineStore;
@@ -57,6 +58,22 @@ pub(in crate::app) struct Fresh {
 }
 
 impl Opener {
+    /// Streams are opened by other settings from now on.
+    pub(in crate::app) fn renew(
+        &mut self,
+        config: &Arc<Config>,
+        entry: &MachineConfig,
+        configuration: &str,
+        (renewal, baseline): (Option<Renewal>, &Baseline),
+    ) {
+        self.config = Arc::clone(config);
+        self.entry = entry.clone();
+        self.key.judged_by = Some(configuration.to_owned());
+        if renewal == Some(Renewal::Rebuilt) {
+            self.baseline = baseline.clone();
+        }
+    }
+
     /// Opens a stream; the alarms go on as they are.
     ///
     /// # Errors
@@ -89,6 +106,8 @@ impl Opener {
             // Stream time goes on; what senders with other buffers say again of a time that was judged is no news.
             judged_until_s: alarms.judged_until_s(),
             decisions: self.kept.take().or_else(|| Some(alarms.decisions())),
+            advance: alarms.advance().to_vec(),
+            last_advance: alarms.last_advance(),
         };
         let alarm_events = monitor.alarms_mut().restore(kept, now);
         if let Some(capturer) = &self.capturer {

@@ -11,6 +11,7 @@ use crate::app::monitored::Monitored;
 use crate::app::stores::Stores;
 use crate::app::tests::machine;
 use crate::config::Config;
+use crate::config::FileText;
 use crate::config::Live;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
@@ -62,6 +63,10 @@ impl BaselineStore for Falling {
         Ok(false)
     }
 
+    fn retire(&self, _: &str, _: &Act<'_>) -> Result<Vec<String>, StoreError> {
+        Ok(Vec::new())
+    }
+
     fn remove(&self, _: (&str, &str), _: &Act<'_>) -> Result<bool, StoreError> {
         Ok(false)
     }
@@ -78,6 +83,7 @@ fn live() -> Opened {
 fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
     let folder = TempDir::new().unwrap();
     let entry = MachineConfig {
+        text: FileText::default(),
         file: PathBuf::new(),
         machine: machine("rig-1"),
         baseline: Vec::new(),

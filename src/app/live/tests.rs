@@ -17,6 +17,7 @@ use crate::app::stop::Stop;
 use crate::app::tests::machine;
 use crate::app::trouble::Troubles;
 use crate::config::Config;
+use crate::config::FileText;
 use crate::config::Ingest;
 use crate::config::Live;
 use crate::config::MachineConfig;
@@ -63,6 +64,7 @@ fn running(queue_bytes: usize, ingest: Ingest) -> Running {
     let metrics = Arc::new(Metrics::new());
     let entry = MachineConfig {
         file: PathBuf::new(),
+        text: FileText::default(),
         machine: machine("rig-1"),
         baseline: Vec::new(),
         source: SourceConfig::Live(Live::listening()),

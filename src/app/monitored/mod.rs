@@ -17,7 +17,6 @@ use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::alarms::load::Load;
-use crate::api::view::AlarmHistory;
 use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
@@ -54,6 +53,8 @@ const PANICKED: &str = "internal error in the analysis, see the log";
 /// What is known of a machine before its first block.
 #[derive(Debug)]
 pub struct Opened {
+    /// Hash of the configuration.
+    pub configuration: Arc<str>,
     /// The monitor; `None` when the source cannot be opened.
     pub monitor: Option<Monitor>,
     /// How the source is doing.
@@ -79,14 +80,18 @@ pub struct Opened {
 /// The machine.
 #[derive(Debug)]
 pub struct Monitored {
-    machine: Arc<Machine>,
-    monitor: Option<Monitor>,
+    pub(super) machine: Arc<Machine>,
+    /// Hash of the configuration that holds.
+    pub(super) configuration: Arc<str>,
+    /// That by which the newest verdict was judged.
+    judged_by: Arc<str>,
+    pub(super) monitor: Option<Monitor>,
     /// The alarms when there is no monitor.
-    idle_alarms: AlarmEngine,
-    alarming: Alarming,
+    pub(super) idle_alarms: AlarmEngine,
+    pub(super) alarming: Alarming,
     health: HealthWatch,
     /// `None`: no captures are made.
-    capturing: Option<Capturing>,
+    pub(super) capturing: Option<Capturing>,
     source: SourceState,
     start_time: Option<Timestamp>,
     channels: Arc<Vec<ChannelInfo>>,
@@ -98,11 +103,11 @@ pub struct Monitored {
     /// Their way to the store.
     trending: Option<Trending>,
     /// What opens the stream of live senders.
-    opener: Option<Opener>,
+    pub(super) opener: Option<Opener>,
     /// What its senders' clocks do wrong.
     doubts: Vec<String>,
     /// The windows behind them.
-    seen: Seen,
+    pub(super) seen: Seen,
     losses: Arc<Losses>,
     publisher: watch::Sender<Arc<MachineView>>,
     meters: Meters,
@@ -122,12 +127,15 @@ impl Monitored {
         }
         let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
         let meters = Meters::new(metrics, &machine.id, &channels);
-        let (publisher, view) = watch::channel(Arc::new(empty_view()));
+        let empty = empty_view(&machine, &opened.configuration);
+        let (publisher, view) = watch::channel(Arc::new(empty));
         let transitions = meters.machine.alarm_transitions.clone();
         let load = metrics.alarm_load(&machine.id);
         let alarming = Alarming::new(&machine.id, opened.keeper, opened.is_live, transitions, load);
         let mut monitored = Self {
             machine,
+            judged_by: Arc::clone(&opened.configuration),
+            configuration: opened.configuration,
             monitor: opened.monitor,
             idle_alarms: opened.alarms,
             alarming,
@@ -170,6 +178,7 @@ impl Monitored {
                 }
             }
             Input::Open(info) => self.open(&info, queue_bytes),
+            Input::Renew(renewed) => self.renew(&renewed, queue_bytes),
             Input::Doubts(doubts) => {
                 for doubt in &doubts {
                     tracing::warn!(machine = self.machine.id, doubt, "a clock runs wrong");
@@ -226,6 +235,14 @@ impl Monitored {
                 self.alarming.act(engine, &act, stream_s, publish, reply);
                 self.publish(queue_bytes);
             }
+            ShardRequest::Announce { wanted, reply } => {
+                self.announce(&wanted, reply);
+                self.publish(queue_bytes);
+            }
+            ShardRequest::Revoke { number, by, reply } => {
+                self.revoke(number, by, reply);
+                self.publish(queue_bytes);
+            }
             ShardRequest::Capture { author, comment, before_s, after_s, reply } => {
                 let (time_s, diagnosis) = (self.stream_time_s(), self.diagnosis.as_deref());
                 let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
@@ -251,11 +268,8 @@ impl Monitored {
                 let _asker_is_gone = reply.send(());
             }
             ShardRequest::AlarmHistory { reply } => {
-                let alarms = self.alarms();
-                drop(reply.send(AlarmHistory {
-                    events: alarms.history().iter().cloned().collect(),
-                    dropped: alarms.history_dropped(),
-                }));
+                let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+                drop(reply.send(self.alarming.history(engine)));
             }
         }
     }
@@ -288,7 +302,7 @@ impl Monitored {
         self.monitor.as_ref().map_or(&self.idle_alarms, Monitor::alarms)
     }
 
-    fn keep(&mut self, events: Vec<AlarmEvent>, health: Vec<HealthChange>) {
+    pub(super) fn keep(&mut self, events: Vec<AlarmEvent>, health: Vec<HealthChange>) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         self.alarming.keep(engine, events, health, stream_s);
@@ -312,6 +326,8 @@ impl Monitored {
         let stream_time_s = newest_time_s(&rings);
         let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
         self.publisher.send_replace(Arc::new(MachineView {
+            machine: Arc::clone(&self.machine),
+            judged_by: Arc::clone(&self.judged_by),
             source: self.source.clone(),
             stream_time_s,
             start_time: self.start_time,
@@ -321,6 +337,7 @@ impl Monitored {
             state_since_s: self.state_since_s.clone(),
             features: Arc::clone(&self.features),
             alarms: Arc::new(alarms),
+            advance: self.alarms().advance().into(),
             alarm_load,
             queue_bytes,
             dropped,
@@ -381,6 +398,7 @@ impl Monitored {
                 [] => outcome.diagnosis,
                 doubts => Arc::new(outcome.diagnosis.with_doubts(doubts)),
             });
+            self.judged_by = Arc::clone(&self.configuration);
             self.features = Arc::new(outcome.features);
             self.capture(&outcome.alarm_events, end_s);
             self.keep(outcome.alarm_events, health);
@@ -417,7 +435,7 @@ impl Monitored {
         self.source = state;
     }
 
-    fn stream_time_s(&self) -> f64 {
+    pub(super) fn stream_time_s(&self) -> f64 {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
         let is_empty = rings.iter().all(|ring| ring.received == 0);
         match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
@@ -430,7 +448,10 @@ impl Monitored {
 
 /// The alarms of a machine, with or without a monitor; apart from `self`, so that what uses them may be
 /// borrowed beside them.
-fn engine<'m>(monitor: &'m mut Option<Monitor>, idle: &'m mut AlarmEngine) -> &'m mut AlarmEngine {
+pub(super) fn engine<'m>(
+    monitor: &'m mut Option<Monitor>,
+    idle: &'m mut AlarmEngine,
+) -> &'m mut AlarmEngine {
     match monitor {
         Some(monitor) => monitor.alarms_mut(),
         None => idle,
@@ -455,8 +476,10 @@ fn since(old: Option<&Diagnosis>, old_since_s: &[f64], new: &Diagnosis, now_s: f
     component_since.chain([whole.unwrap_or(now_s)]).collect()
 }
 
-fn empty_view() -> MachineView {
+fn empty_view(machine: &Arc<Machine>, configuration: &Arc<str>) -> MachineView {
     MachineView {
+        machine: Arc::clone(machine),
+        judged_by: Arc::clone(configuration),
         source: SourceState::Starting,
         stream_time_s: 0.0,
         start_time: None,
@@ -466,6 +489,7 @@ fn empty_view() -> MachineView {
         state_since_s: Vec::new(),
         features: Arc::default(),
         alarms: Arc::default(),
+        advance: Arc::new([]),
         alarm_load: Load::default(),
         queue_bytes: 0,
         dropped: (0, 0),

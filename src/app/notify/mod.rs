@@ -8,14 +8,19 @@ mod webhook;
 mod mqtt;
 mod states;
 
-use super::client::ClientError;
+use super::Clock;
+use super::broker;
 use super::keeper::Keeper;
 use super::start_error::StartError;
 use crate::api::view::EventsHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::ReceiverStatus;
 use crate::api::view::ReceiverView;
+use crate::causes::with_causes;
 use crate::config::Config;
+use crate::notify::settings::Broker;
+use crate::notify::settings::Settings;
+use crate::notify::settings::Webhook;
 use crate::store::StoreError;
 use crate::store::audit::AuditLog;
 use crate::store::events::EventLog;
@@ -26,31 +31,75 @@ use crate::telemetry::Metrics;
 use crate::telemetry::ReceiverMetrics;
 use crate::telemetry::StreamMetrics;
 use carrier::Follower;
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
+use std::thread;
 use tokio::runtime::Handle;
+use tokio::sync::oneshot;
 use tokio::sync::watch;
-use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// Receivers before their threads start.
-pub(super) struct NotifyPlan {
-    webhooks: Vec<webhook::Sender>,
-    brokers: Vec<mqtt::Publisher>,
+/// All receivers: starts them, ends them, exchanges them.
+pub(super) struct Notifier {
+    way: Way,
+    /// Built, but not started.
+    built: Vec<Built>,
+    running: BTreeMap<String, Running>,
+    told: watch::Sender<Arc<[ReceiverStatus]>>,
+    /// What they are started with; `None`: before the start.
+    stage: Option<Stage>,
 }
 
-impl std::fmt::Debug for NotifyPlan {
+impl std::fmt::Debug for Notifier {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("NotifyPlan").finish_non_exhaustive()
+        f.debug_struct("Notifier").field("running", &self.running.keys()).finish_non_exhaustive()
     }
 }
 
 /// What receivers share.
-struct Shared<'a> {
-    log: &'a Arc<dyn EventLog>,
-    receivers: &'a Arc<dyn Receivers>,
-    metrics: &'a Metrics,
-    status: &'a Arc<Status>,
+struct Way {
+    log: Arc<dyn EventLog>,
+    receivers: Arc<dyn Receivers>,
+    metrics: Arc<Metrics>,
+    status: Arc<Status>,
+    stored: watch::Receiver<u64>,
+    clock: Clock,
+}
+
+/// What receivers are started with.
+struct Stage {
+    runtime: Handle,
+    machines: Vec<MachineHandle>,
+    stop: CancellationToken,
+}
+
+/// A receiver's settings.
+#[derive(Debug, Clone, PartialEq)]
+enum Receiver {
+    Webhook(Box<Webhook>),
+    Broker(Box<Broker>),
+}
+
+/// A receiver that can be started.
+struct Built {
+    receiver: Receiver,
+    status: ReceiverStatus,
+    work: Work,
+}
+
+enum Work {
+    Post(Box<webhook::Sender>),
+    Publish(Box<mqtt::Publisher>),
+}
+
+/// A receiver that runs.
+struct Running {
+    receiver: Receiver,
+    status: ReceiverStatus,
+    stop: CancellationToken,
+    /// Ends with it.
+    ended: oneshot::Receiver<()>,
 }
 
 /// A receiver that is new begins with what happens from now on; what is kept of those no longer configured is
@@ -58,43 +107,37 @@ struct Shared<'a> {
 pub(super) fn plan(
     config: &Config,
     keeper: &Keeper,
-    metrics: &Metrics,
-) -> Result<(EventsHandle, NotifyPlan), StartError> {
-    let settings = &config.notify;
+    metrics: &Arc<Metrics>,
+) -> Result<(EventsHandle, Notifier), StartError> {
     let events = Arc::new(SqliteEvents::join(&config.store.directory)?);
-    let log: &Arc<dyn EventLog> = &(Arc::clone(&events) as Arc<dyn EventLog>);
+    let log: Arc<dyn EventLog> = Arc::clone(&events) as Arc<dyn EventLog>;
     let audit = Arc::clone(&events) as Arc<dyn AuditLog>;
-    let receivers: &Arc<dyn Receivers> = &(events as Arc<dyn Receivers>);
-    let (stored, clock) = (&keeper.stored, keeper.clock);
-    let names: Vec<&str> = settings.names().collect();
-    for name in receivers.forget_others(&names)? {
-        tracing::warn!(receiver = name, "is no longer configured: what waited for it is not sent");
-    }
-    let shared = Shared { log, receivers, metrics, status: &keeper.status };
-    let mut statuses = Vec::new();
-    let (mut webhooks, mut brokers) = (Vec::new(), Vec::new());
-    for webhook in &settings.webhooks {
-        let begun = shared.begin(&webhook.name, "webhook", &mut statuses)?;
-        let limits = (webhook.max_waiting, webhook.backoff);
-        let follower = Follower::new(begun, &webhook.name, webhook.filter.clone(), limits);
-        let sender = webhook::Sender::new(webhook.clone(), follower, stored.clone(), clock);
-        webhooks.push(sender.map_err(|source| refused(&webhook.name, source))?);
-    }
-    for broker in &settings.brokers {
-        let begun = shared.begin(&broker.name, "mqtt", &mut statuses)?;
-        let limits = (broker.max_waiting, broker.backoff);
-        let follower = Follower::new(begun, &broker.name, broker.filter.clone(), limits);
-        let publisher = mqtt::Publisher::new(broker.clone(), follower, stored.clone(), clock);
-        brokers.push(publisher.map_err(|source| refused(&broker.name, source))?);
-    }
+    let way = Way {
+        log: Arc::clone(&log),
+        receivers: events,
+        metrics: Arc::clone(metrics),
+        status: Arc::clone(&keeper.status),
+        stored: keeper.stored.clone(),
+        clock: keeper.clock,
+    };
+    way.forget_others(&config.notify)?;
+    let built = receivers(&config.notify).map(|receiver| way.build(receiver));
+    let built = built.collect::<Result<Vec<_>, _>>()?;
+    let (told, receivers) =
+        watch::channel(built.iter().map(|built| built.status.clone()).collect());
     let StreamMetrics { open, refused, stalled } = metrics.streams();
-    let (log, stored, receivers) = (Arc::clone(log), stored.clone(), statuses.into());
+    let stored = keeper.stored.clone();
     let handle = EventsHandle { log, audit, stored, open, refused, stalled, receivers };
-    Ok((handle, NotifyPlan { webhooks, brokers }))
+    Ok((handle, Notifier { way, built, running: BTreeMap::new(), told, stage: None }))
 }
 
-fn refused(receiver: &str, source: ClientError) -> StartError {
-    StartError::Notify { receiver: receiver.to_owned(), source }
+/// The receivers of a configuration.
+fn receivers(settings: &Settings) -> impl Iterator<Item = Receiver> + '_ {
+    let webhooks = settings.webhooks.iter();
+    let brokers = settings.brokers.iter();
+    webhooks
+        .map(|webhook| Receiver::Webhook(Box::new(webhook.clone())))
+        .chain(brokers.map(|broker| Receiver::Broker(Box::new(broker.clone()))))
 }
 
 /// What a follower begins with.
@@ -107,48 +150,164 @@ pub(super) struct Begun {
     status: Arc<Status>,
 }
 
-impl Shared<'_> {
-    fn begin(
-        &self,
-        name: &str,
-        kind: &'static str,
-        statuses: &mut Vec<ReceiverStatus>,
-    ) -> Result<Begun, StoreError> {
-        let progress = self.receivers.begin(name)?;
-        let (told, view) = watch::channel(ReceiverView::default());
-        statuses.push(ReceiverStatus { name: name.to_owned(), kind, view });
-        let metrics = self.metrics.receiver(name);
-        let (log, receivers) = (Arc::clone(self.log), Arc::clone(self.receivers));
-        let status = Arc::clone(self.status);
-        Ok(Begun { log, receivers, progress, told, metrics, status })
+impl Receiver {
+    fn name(&self) -> &str {
+        match self {
+            Self::Webhook(webhook) => &webhook.name,
+            Self::Broker(broker) => &broker.name,
+        }
+    }
+
+    /// Sees whether what it needs of this computer is there.
+    fn check(&self) -> Result<(), StartError> {
+        let checked = match self {
+            Self::Webhook(webhook) => webhook::agent(webhook).map(drop),
+            Self::Broker(one) => broker::transport(&one.connection).map(drop),
+        };
+        checked.map_err(|source| StartError::Notify { receiver: self.name().to_owned(), source })
     }
 }
 
-impl NotifyPlan {
-    /// Threads that will be started.
-    pub(super) fn n_threads(&self) -> usize {
-        self.webhooks.len()
+impl Way {
+    fn forget_others(&self, settings: &Settings) -> Result<(), StoreError> {
+        let names: Vec<&str> = settings.names().collect();
+        for name in self.receivers.forget_others(&names)? {
+            tracing::warn!(
+                receiver = name,
+                "is no longer configured: what waited for it is not sent"
+            );
+        }
+        Ok(())
     }
 
-    /// Starts everything, threads by `start`; gives the tasks.
+    fn begin(&self, name: &str) -> Result<(Begun, watch::Receiver<ReceiverView>), StoreError> {
+        let progress = self.receivers.begin(name)?;
+        let (told, view) = watch::channel(ReceiverView::default());
+        let metrics = self.metrics.receiver(name);
+        let (log, receivers) = (Arc::clone(&self.log), Arc::clone(&self.receivers));
+        let status = Arc::clone(&self.status);
+        Ok((Begun { log, receivers, progress, told, metrics, status }, view))
+    }
+
+    fn build(&self, receiver: Receiver) -> Result<Built, StartError> {
+        let name = receiver.name().to_owned();
+        let (begun, view) = self.begin(&name)?;
+        let (stored, clock) = (self.stored.clone(), self.clock);
+        let refused = |source| StartError::Notify { receiver: name.clone(), source };
+        let (kind, work) = match &receiver {
+            Receiver::Webhook(webhook) => {
+                let limits = (webhook.max_waiting, webhook.backoff);
+                let follower = Follower::new(begun, &name, webhook.filter.clone(), limits);
+                let sender =
+                    webhook::Sender::new(webhook.as_ref().clone(), follower, stored, clock);
+                ("webhook", Work::Post(Box::new(sender.map_err(refused)?)))
+            }
+            Receiver::Broker(broker) => {
+                let limits = (broker.max_waiting, broker.backoff);
+                let follower = Follower::new(begun, &name, broker.filter.clone(), limits);
+                let publisher =
+                    mqtt::Publisher::new(broker.as_ref().clone(), follower, stored, clock);
+                ("mqtt", Work::Publish(Box::new(publisher.map_err(refused)?)))
+            }
+        };
+        Ok(Built { receiver, status: ReceiverStatus { name, kind, view }, work })
+    }
+}
+
+impl Stage {
+    fn start(&self, built: Built) -> io::Result<Running> {
+        let Built { receiver, status, work } = built;
+        let stop = self.stop.child_token();
+        let (over, ended) = oneshot::channel();
+        let (runtime, stopped) = (self.runtime.clone(), stop.clone());
+        match work {
+            Work::Post(sender) => {
+                let work = move || {
+                    let _over = over;
+                    sender.run(&runtime, &stopped);
+                };
+                let name = format!("notify-{}", receiver.name());
+                let _detached = thread::Builder::new().name(name).spawn(work)?;
+            }
+            Work::Publish(publisher) => {
+                let machines = self.machines.clone();
+                let _detached = self.runtime.spawn(async move {
+                    let _over = over;
+                    publisher.run(&machines, &stopped).await;
+                });
+            }
+        }
+        Ok(Running { receiver, status, stop, ended })
+    }
+}
+
+impl Notifier {
+    /// Starts everything.
     pub(super) fn start(
-        self,
+        &mut self,
         runtime: &Handle,
         machines: &[MachineHandle],
         stop: &CancellationToken,
-        mut start: impl FnMut(String, Box<dyn FnOnce() + Send>) -> io::Result<()>,
-    ) -> io::Result<Vec<JoinHandle<()>>> {
-        let mut tasks = Vec::new();
-        for sender in self.webhooks {
-            let (runtime, stop) = (runtime.clone(), stop.clone());
-            let name = format!("notify-{}", sender.name());
-            start(name, Box::new(move || sender.run(&runtime, &stop)))?;
+    ) -> io::Result<()> {
+        let (machines, stop) = (machines.to_vec(), stop.clone());
+        let stage = self.stage.insert(Stage { runtime: runtime.clone(), machines, stop });
+        for built in self.built.drain(..) {
+            let running = stage.start(built)?;
+            self.running.insert(running.status.name.clone(), running);
         }
-        for publisher in self.brokers {
-            let (machines, stop) = (machines.to_vec(), stop.clone());
-            tasks.push(runtime.spawn(async move { publisher.run(&machines, &stop).await }));
+        Ok(())
+    }
+
+    /// Sees whether other receivers could be started.
+    ///
+    /// # Errors
+    /// Which cannot, and why.
+    pub(super) fn check(&self, settings: &Settings) -> Result<(), StartError> {
+        let mut new = receivers(settings).filter(|receiver| !self.runs(receiver));
+        new.try_for_each(|receiver| receiver.check())
+    }
+
+    fn runs(&self, receiver: &Receiver) -> bool {
+        self.running.get(receiver.name()).is_some_and(|running| running.receiver == *receiver)
+    }
+
+    /// Exchanges the receivers that are others now. Each ends before it begins again where it was; those that stay
+    /// notice nothing.
+    pub(super) fn change(&mut self, settings: &Settings) {
+        let wanted: Vec<Receiver> = receivers(settings).collect();
+        let is_kept = |running: &Running| wanted.contains(&running.receiver);
+        let (kept, gone): (BTreeMap<_, _>, _) =
+            std::mem::take(&mut self.running).into_iter().partition(|(_, one)| is_kept(one));
+        self.running = kept;
+        gone.values().for_each(|running: &Running| running.stop.cancel());
+        for (name, running) in gone {
+            let _ended = running.ended.blocking_recv();
+            self.way.metrics.receiver(&name).failing.set(0);
         }
-        Ok(tasks)
+        if let Err(error) = self.way.forget_others(settings) {
+            tracing::error!(error = with_causes(&error), "receivers that are gone are kept");
+        }
+        let Some(stage) = &self.stage else { return };
+        for receiver in wanted {
+            let name = receiver.name().to_owned();
+            if self.running.contains_key(&name) {
+                continue;
+            }
+            let built = self.way.build(receiver).map_err(|error| with_causes(&error));
+            let started = built.and_then(|built| {
+                stage.start(built).map_err(|error| format!("its thread cannot be started: {error}"))
+            });
+            match started {
+                Ok(running) => drop(self.running.insert(name, running)),
+                Err(error) => tracing::error!(receiver = name, error, "cannot be told of alarms"),
+            }
+        }
+        self.told.send_replace(self.running.values().map(|one| one.status.clone()).collect());
+    }
+
+    /// What ends when all have said goodbye.
+    pub(super) fn endings(&mut self) -> Vec<oneshot::Receiver<()>> {
+        std::mem::take(&mut self.running).into_values().map(|running| running.ended).collect()
     }
 }
 

@@ -28,7 +28,8 @@ impl Retained {
     ) -> Result<BTreeMap<String, Self>, serde_json::Error> {
         let mut standing = BTreeMap::new();
         for handle in machines {
-            let (machine, view) = (&handle.machine, Arc::clone(&handle.view.borrow()));
+            let view = Arc::clone(&handle.view.borrow());
+            let machine = &view.machine;
             let health = HealthWire::new(machine, &view);
             let keys = std::iter::once(format!(
                 "{:?} {:?} {}",
@@ -100,7 +101,7 @@ impl States {
         topics: &Topics,
     ) -> bool {
         let is_ours = |handle: &MachineHandle| {
-            let any = topics.alarm(&handle.machine.id, 0);
+            let any = topics.alarm(&handle.id, 0);
             let folder = any.trim_end_matches('0');
             topic.strip_prefix(folder).is_some_and(|number| number.parse::<u64>().is_ok())
         };

@@ -8,7 +8,6 @@ use crate::alarms::AlarmEvent;
 use crate::alarms::AlarmSource;
 use crate::alarms::EventKind;
 use crate::alarms::Level;
-use crate::alarms::Moment;
 use crate::alarms::state::AlarmState;
 use crate::api::wire::events::HappenedWire;
 use crate::diagnosis::fault::ComponentKind;
@@ -20,7 +19,6 @@ use crate::signal::Timestamp;
 use crate::store::Batch;
 use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
-use crate::store::StreamKey;
 use crate::store::events::Happened;
 use crate::store::events::LogEntry;
 use crate::store::sqlite;
@@ -54,7 +52,7 @@ impl World {
 
     fn happen(&mut self, machine: &str, sequences: std::ops::RangeInclusive<u64>, level: Level) {
         let events = sequences.map(|sequence| transition(sequence, level)).collect();
-        self.store.keep(&[batch(machine, events)]).unwrap();
+        self.store.keep(&[Batch::new(machine, events)]).unwrap();
     }
 
     /// A follower as a start of the daemon makes it.
@@ -93,19 +91,6 @@ impl World {
             Answer::Status(200, None)
         };
         follower.carry(&now, &mut send, &mut || 0.7, &|| false)
-    }
-}
-
-fn batch(machine: &str, events: Vec<AlarmEvent>) -> Batch {
-    Batch {
-        machine: machine.to_owned(),
-        stream: StreamKey::default(),
-        now: Moment::of_stream(0.0),
-        judged_until_s: None,
-        events,
-        health: Vec::new(),
-        standing: None,
-        decisions: None,
     }
 }
 
@@ -262,7 +247,7 @@ fn what_the_store_refuses_is_sent_at_once_and_again_when_it_is_stored() {
     let mut happen = |sequences: std::ops::RangeInclusive<u64>| {
         let events = sequences
             .map(|n| transition(n, if n % 2 == 0 { Level::Damaged } else { Level::Warning }));
-        writer.take(vec![Job { batch: batch("rig-1", events.collect()), done: None }])
+        writer.take(vec![Job { batch: Batch::new("rig-1", events.collect()), done: None }])
     };
     let mut arrived = Vec::new();
     assert!(happen(1..=4).is_err());

@@ -34,6 +34,12 @@ struct Post {
     agent: Agent,
 }
 
+/// What posts to a webhook.
+pub(super) fn agent(settings: &Webhook) -> Result<Agent, ClientError> {
+    let encrypts = settings.endpoint.encrypts();
+    client::agent(encrypts, settings.ca_file.as_deref(), settings.timeout_s)
+}
+
 impl Sender {
     pub(super) fn new(
         settings: Webhook,
@@ -41,13 +47,8 @@ impl Sender {
         stored: watch::Receiver<u64>,
         clock: Clock,
     ) -> Result<Self, ClientError> {
-        let encrypts = settings.endpoint.encrypts();
-        let agent = client::agent(encrypts, settings.ca_file.as_deref(), settings.timeout_s)?;
+        let agent = agent(&settings)?;
         Ok(Self { post: Post { settings, agent }, follower, stored, clock })
-    }
-
-    pub(super) fn name(&self) -> &str {
-        self.follower.name()
     }
 
     /// Posts until the stop; an attempt under way then is waited for.

@@ -303,7 +303,14 @@ fn changes<'e>(events: impl Iterator<Item = (Timestamp, &'e AlarmEvent)>) -> Vec
             EventKind::Escalated => What::Rose,
             EventKind::DeEscalated => What::Fell,
             // What an act ends was gone before.
-            EventKind::Returned | EventKind::Cleared | EventKind::Latched if *active => What::Went,
+            EventKind::Returned
+            | EventKind::Cleared
+            | EventKind::Latched
+            | EventKind::ConfigurationRemoved
+                if *active =>
+            {
+                What::Went
+            }
             EventKind::Returned
             | EventKind::Cleared
             | EventKind::Latched
@@ -314,7 +321,8 @@ fn changes<'e>(events: impl Iterator<Item = (Timestamp, &'e AlarmEvent)>) -> Vec
             | EventKind::Suppressed
             | EventKind::Unsuppressed
             | EventKind::RemovedFromService
-            | EventKind::ReturnedToService => continue,
+            | EventKind::ReturnedToService
+            | EventKind::ConfigurationRemoved => continue,
         };
         *active = what != What::Went;
         found.push(Change { at, what, alarm: event.alarm.clone() });

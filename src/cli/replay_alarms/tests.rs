@@ -246,14 +246,11 @@ fn live(machine: &Arc<Machine>, settings: &Settings, n: usize, with_acts: bool) 
         raised.extend(events.iter().cloned());
         state
             .keep(&[Batch {
-                machine: "m".to_owned(),
                 stream: key(START),
                 now,
                 judged_until_s: engine.judged_until_s(),
-                events,
-                health: Vec::new(),
-                standing: None,
                 decisions: Some(engine.decisions()),
+                ..Batch::new("m", events)
             }])
             .unwrap();
     }
@@ -403,14 +400,10 @@ fn a_restart_of_a_live_stream_is_one_here_too() {
         trends.keep(&[minute], start).unwrap();
     }
     let batch = Batch {
-        machine: "m".to_owned(),
         stream: key,
         now: moment(life.time_s),
         judged_until_s: engine.judged_until_s(),
-        events: raised,
-        health: Vec::new(),
-        standing: None,
-        decisions: None,
+        ..Batch::new("m", raised)
     };
     state.keep(&[batch]).unwrap();
     drop(state);

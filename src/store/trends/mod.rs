@@ -110,6 +110,9 @@ pub trait TrendStore: Send {
 
     /// Removes files that are too old, or the oldest while all take more than `max_bytes`.
     fn prune(&mut self, now: Timestamp, max_bytes: u64) -> Holdings;
+
+    /// Keeps everything for so long from now on; what is too old goes with the next [`Self::prune`].
+    fn retain(&mut self, retention: Retention);
 }
 
 /// The reading side.

@@ -361,6 +361,10 @@ impl TrendStore for SqliteTrends {
         Ok(false)
     }
 
+    fn retain(&mut self, retention: Retention) {
+        self.retention = retention;
+    }
+
     fn prune(&mut self, now: Timestamp, max_bytes: u64) -> Holdings {
         let gone = retention::too_many(&self.directory, &self.retention, now, max_bytes);
         for (period, path, bytes) in gone {

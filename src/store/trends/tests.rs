@@ -430,6 +430,10 @@ impl TrendStore for Refusing {
     fn prune(&mut self, now: Timestamp, max_bytes: u64) -> Holdings {
         self.0.prune(now, max_bytes)
     }
+
+    fn retain(&mut self, retention: Retention) {
+        self.0.retain(retention);
+    }
 }
 
 #[test]
