@@ -1,8 +1,6 @@
 //! Whether a confidence is a frequency: verdicts sorted by the confidence given, and the share of them that was right.
 
-use super::interval::LEVEL;
 use super::interval::Rate;
-use crate::dsp::real::floor_index;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -105,7 +103,8 @@ fn by_records(counts: &[Counts]) -> [(f64, f64); N_BINS] {
     }
     shares.map(|mut shares| {
         shares.sort_by(f64::total_cmp);
-        let outside = floor_index(0.5 * (1.0 - LEVEL) * shares.len() as f64);
+        // 2.5 % at either end leave 95 %.
+        let outside = shares.len() / 40;
         let last = shares.len().wrapping_sub(1 + outside);
         match (shares.get(outside), shares.get(last)) {
             (Some(low), Some(high)) => (*low, *high),
