@@ -55,9 +55,13 @@ impl Resolver<'_> {
         for (i, entry) in raw.into_iter().enumerate() {
             let path = format!("machine[{i}]");
             let baseline = self.files(&format!("{path}.baseline"), entry.baseline);
-            let Some(file) = self.required(&path, "file", entry.file) else { continue };
-            let file = self.base.join(file);
-            let Some((machine, text)) = self.machine(&format!("{path}.file"), &file) else {
+            let file = self.required(&path, "file", entry.file).map(|file| self.base.join(file));
+            let read = file.and_then(|file| {
+                let (machine, text) = self.machine(&format!("{path}.file"), &file)?;
+                Some((file, machine, text))
+            });
+            let Some((file, machine, text)) = read else {
+                self.knows_machines = false;
                 continue;
             };
             if machines.iter().any(|other| other.machine.id == machine.id) {

@@ -246,9 +246,8 @@ impl Resolver<'_> {
         machines: &[MachineConfig],
     ) -> Filter {
         for id in ids.iter().filter(|id| !machines.iter().any(|known| known.machine.id == **id)) {
-            let known: Vec<_> = machines.iter().map(|entry| entry.machine.id.as_str()).collect();
-            let message = format!("no machine has the id {id:?}, known: {}", known.join(", "));
-            self.report(&format!("{path}.machines"), message);
+            let known = machines.iter().map(|entry| entry.machine.id.as_str());
+            self.unknown_machine(&format!("{path}.machines"), id, known);
         }
         let known_levels = [Level::Warning, Level::Damaged].map(|level| (level.name(), level));
         let known_kinds = EventKind::ALL.map(|kind| (kind.name(), kind));

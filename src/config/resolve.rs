@@ -51,7 +51,7 @@ pub(super) fn config(
     variables: &BTreeMap<String, String>,
 ) -> Config {
     let default = Config::default();
-    let mut resolver = Resolver { base, scan, variables, files: Vec::new() };
+    let mut resolver = Resolver { base, scan, variables, files: Vec::new(), knows_machines: true };
     let max_bytes = raw.store.max_bytes.unwrap_or(default.store.max_bytes);
     let n_machines = raw.machine.len() as u64;
     let machines = resolver.machines(raw.machine, raw.source);
@@ -92,6 +92,8 @@ pub(super) struct Resolver<'a> {
     variables: &'a BTreeMap<String, String>,
     /// Files that were read.
     files: Vec<PathBuf>,
+    /// Whether the ids of all machines are known: every machine file could be read.
+    pub(super) knows_machines: bool,
 }
 
 impl Resolver<'_> {
@@ -243,6 +245,19 @@ impl Resolver<'_> {
         }));
     }
 
+    /// Reports a machine that is not there; it may be one whose file has been reported already.
+    pub(super) fn unknown_machine<'k>(
+        &mut self,
+        path: &str,
+        id: &str,
+        known: impl Iterator<Item = &'k str>,
+    ) {
+        if self.knows_machines {
+            let known: Vec<&str> = known.collect();
+            self.report(path, format!("no machine has the id {id:?}, known: {}", known.join(", ")));
+        }
+    }
+
     /// Gives the source of each machine id; `None` for one that was reported.
     pub(super) fn sources(
         &mut self,
@@ -256,10 +271,8 @@ impl Resolver<'_> {
             let source = self.source(&path, entry);
             let Some(machine) = machine else { continue };
             if !machines.iter().any(|known| known.machine.id == machine) {
-                let known: Vec<_> = machines.iter().map(|m| m.machine.id.as_str()).collect();
-                let message =
-                    format!("no machine has the id {machine:?}, known: {}", known.join(", "));
-                self.report(&format!("{path}.machine"), message);
+                let known = machines.iter().map(|known| known.machine.id.as_str());
+                self.unknown_machine(&format!("{path}.machine"), &machine, known);
                 continue;
             }
             match sources.entry(machine) {

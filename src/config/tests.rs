@@ -239,6 +239,15 @@ fn the_environment_overrides_the_file() {
 }
 
 #[test]
+fn a_machine_file_with_a_mistake_is_told_once_and_not_as_a_machine_that_is_missing() {
+    let text = "[[machine]]\nfile = \"none.toml\"\n[[source]]\nkind = \"tcp\"\nmachine = \"rig-9\"\n\
+                [[notify.webhook]]\nname = \"n\"\nurl = \"http://127.0.0.1:1/\"\nmachines = [\"rig-9\"]\n";
+    let found = mistakes(text, &[]);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    assert!(found[0].contains("none.toml cannot be read"), "{found:#?}");
+}
+
+#[test]
 fn mistakes_in_the_environment_name_the_variable() {
     let found = mistakes(
         RIG,
