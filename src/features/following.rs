@@ -22,7 +22,6 @@ use crate::dsp::real::ceil_index;
 use crate::dsp::speed_track::SpeedPoint;
 use crate::dsp::speed_track::SpeedTrackPlan;
 use crate::dsp::speed_track::SpeedTrackSpec;
-use crate::dsp::speed_track::TrackedSpeed;
 use crate::machine::Machine;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
@@ -217,8 +216,11 @@ fn follow(
         max_rate_hz_s: STEEPEST_PER_S * around.0,
     };
     let mut plan = SpeedTrackPlan::new(spec, x.len(), plans.tables())?;
-    let found = plan.process(&x)?;
-    let (mean_hz, noise_hz, excursion) = change(&found, plan.points())?;
+    if plan.find(&x)? < CONFIDENCE {
+        return None;
+    }
+    plan.refine(&x)?;
+    let (mean_hz, noise_hz, excursion) = change(plan.points())?;
     let start_s = trace.start_s() + (trace.all.samples.len() - n) as f64 / trace.rate.0;
     let turning = Turning { track: plan.phase_track()?, start_s, excursion };
     Some(Followed {
@@ -249,13 +251,12 @@ fn leading(trace: &Trace<'_>, around: Hz, orders: &[CombOrder]) -> Vec<CombOrder
     leading
 }
 
-/// Mean speed, its noise over a frame, and the excursion beyond noise, if the track is sure and its angle bends by
-/// more than noise does (F20).
-fn change(found: &TrackedSpeed, points: &[SpeedPoint]) -> Option<(f64, f64, f64)> {
+/// Mean speed, its noise over a frame, and the excursion beyond noise, if harmonics are clear all along the track and its
+/// angle bends by more than noise does (F20).
+fn change(points: &[SpeedPoint]) -> Option<(f64, f64, f64)> {
     let errors_hz: Vec<f64> = points.iter().filter_map(|p| p.standard_error_hz).collect();
-    let is_sure = found.confidence >= CONFIDENCE
-        && points.len() >= MIN_POINTS
-        && errors_hz.len() as f64 >= CLEAR * points.len() as f64;
+    let is_sure =
+        points.len() >= MIN_POINTS && errors_hz.len() as f64 >= CLEAR * points.len() as f64;
     if !is_sure {
         return None;
     }

@@ -1,5 +1,6 @@
 //! Is the sensor alive: dead, stuck, clipped, spiking, of the wrong range. Read before anything else is.
 
+use crate::dsp::real::Real;
 use crate::dsp::stats;
 use crate::dsp::stats::Moments;
 use crate::machine::sensor::Sensor;
@@ -154,15 +155,19 @@ fn spikes(x: &[f32]) -> (usize, f64) {
     let deviation = |before: f32, at: f32, after: f32| {
         f64::from(at) - 0.5 * (f64::from(before) + f64::from(after))
     };
-    let mut sizes: Vec<f64> = x.windows(3).map(|w| deviation(w[0], w[1], w[2]).abs()).collect();
+    let size = |w: &[f32]| f32::rounded(deviation(w[0], w[1], w[2]).abs());
+    let mut sizes: Vec<f32> = x.windows(3).map(size).collect();
     let Some(median) = stats::median(&mut sizes).filter(|m| *m > 0.0) else { return (0, 0.0) };
-    let limit = SPIKE_DEVIATIONS * MAD_TO_DEVIATION * median;
+    let limit = SPIKE_DEVIATIONS * MAD_TO_DEVIATION * f64::from(median);
     let spike = |w: &[f32]| {
         let height = deviation(w[1], w[2], w[3]).abs();
+        if height <= limit {
+            return None; // Nearly every sample.
+        }
         // Without the sample itself its neighbours lie between their own neighbours and each other.
         let left = deviation(w[0], w[1], w[3]).abs();
         let right = deviation(w[1], w[3], w[4]).abs();
-        (height > limit && left.max(right) <= BESIDE_SPIKE * height).then_some(height)
+        (left.max(right) <= BESIDE_SPIKE * height).then_some(height)
     };
     let found = x.windows(5).filter_map(spike);
     found.fold((0, 0.0), |(count, energy), height| (count + 1, energy + height * height))
@@ -225,7 +230,6 @@ fn count_levels(x: &[f32], enough: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dsp::real::Real;
 
     fn flaw(x: &[f32]) -> Option<SensorFlaw> {
         find_flaw(x, &Moments::of(x), None)

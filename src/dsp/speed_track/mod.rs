@@ -81,6 +81,8 @@ pub struct SpeedTrackPlan<T: Real> {
     ridge: Ridge,
     refiner: Refiner,
     points: Vec<SpeedPoint>,
+    /// Of what was found last.
+    confidence: Option<f64>,
 }
 
 impl<T: Real> SpeedTrackPlan<T> {
@@ -119,6 +121,7 @@ impl<T: Real> SpeedTrackPlan<T> {
             points: Vec::with_capacity(refiner.max_points()),
             refiner,
             spec,
+            confidence: None,
         })
     }
 
@@ -128,18 +131,28 @@ impl<T: Real> SpeedTrackPlan<T> {
         FrameSpec { shape: Shape::Hann, n_frame: self.spec.n_frame, hop: self.hop }
     }
 
-    /// Follows the speed of `x`, n samples; the track is in [`Self::points`].
-    ///
-    /// The track begins a quarter of a frame and half a step of an eighth behind the start of the record
-    /// and ends as far before the end of its last frame: nothing is extrapolated. `None` for a record
-    /// with a frame without any background (silence), or with a sample that is no number.
+    /// Follows the speed of `x`, n samples; the track is in [`Self::points`]: [`Self::find`], then
+    /// [`Self::refine`].
     ///
     /// # Panics
     ///
     /// If `x` does not have the plan's length.
     pub fn process(&mut self, x: &[T]) -> Option<TrackedSpeed> {
+        self.find(x)?;
+        self.refine(x)
+    }
+
+    /// Finds the most probable way of the speed of `x`, n samples, to a grid step, and how sure it is
+    /// (D74). `None` for a record with a frame without any background (silence), or with a sample that
+    /// is no number.
+    ///
+    /// # Panics
+    ///
+    /// If `x` does not have the plan's length.
+    pub fn find(&mut self, x: &[T]) -> Option<f64> {
         assert_eq!(x.len(), self.n, "samples of the plan");
         self.points.clear();
+        self.confidence = None;
         if x.iter().any(|value| !value.to_f64().is_finite()) {
             return None;
         }
@@ -152,7 +165,22 @@ impl<T: Real> SpeedTrackPlan<T> {
             }
         }
         let bin_hz = self.spec.fs_hz / self.spec.n_frame as f64;
-        let confidence = self.ridge.solve(bin_hz);
+        self.confidence = Some(self.ridge.solve(bin_hz));
+        self.confidence
+    }
+
+    /// Refines what [`Self::find`] found in the same `x` by the phases of its orders (D75); `None` if it found
+    /// nothing.
+    ///
+    /// The track begins a quarter of a frame and half a step of an eighth behind the start of the record
+    /// and ends as far before the end of its last frame: nothing is extrapolated.
+    ///
+    /// # Panics
+    ///
+    /// If `x` does not have the plan's length.
+    pub fn refine(&mut self, x: &[T]) -> Option<TrackedSpeed> {
+        assert_eq!(x.len(), self.n, "samples of the plan");
+        let confidence = self.confidence?;
         self.begin_refinement(x)?;
         for _ in 0..ROUNDS {
             self.refiner.refine(x, &self.spec, &mut self.points);

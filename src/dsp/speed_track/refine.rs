@@ -38,6 +38,8 @@ pub(super) struct Refiner {
     background: Vec<f64>,
     phasors: Vec<Complex<f64>>,
     previous: Vec<Complex<f64>>,
+    /// e^(−j2πoθ) of the samples of a block, order by order for each: what the next block shares is kept.
+    turns: Vec<Complex<f64>>,
 }
 
 impl Refiner {
@@ -62,6 +64,7 @@ impl Refiner {
             background: Vec::with_capacity(n_frames * n_orders),
             phasors: vec![Complex::zero(); n_orders],
             previous: vec![Complex::zero(); n_orders],
+            turns: vec![Complex::zero(); n_block * n_orders],
         }
     }
 
@@ -126,7 +129,8 @@ impl Refiner {
         let step_s = self.hop as f64 / self.fs_hz;
         for block in 0..self.n_blocks {
             std::mem::swap(&mut self.phasors, &mut self.previous);
-            self.demodulate(x, block * self.hop, spec);
+            self.turn_to(block, spec);
+            self.demodulate(x, block * self.hop);
             if block == 0 {
                 continue;
             }
@@ -148,18 +152,32 @@ impl Refiner {
         }
     }
 
+    /// Phase factors of a block's samples: those the block before had too are moved, three quarters.
+    fn turn_to(&mut self, block: usize, spec: &SpeedTrackSpec) {
+        let orders = &spec.search.orders;
+        let kept = if block == 0 { 0 } else { self.n_block - self.hop };
+        self.turns.copy_within((self.n_block - kept) * orders.len().., 0);
+        for i in kept..self.n_block {
+            let turned = self.turned_at((block * self.hop + i) as f64 / self.fs_hz);
+            for (o, at) in orders.iter().zip(&mut self.turns[i * orders.len()..]) {
+                let (sin, cos) = (TAU * (o.order * turned).fract()).sin_cos();
+                *at = Complex::new(cos, -sin);
+            }
+        }
+    }
+
     /// Σ w·(x − mean)·e^(−j2πoθ) of each order over a block.
-    fn demodulate<T: Real>(&mut self, x: &[T], start: usize, spec: &SpeedTrackSpec) {
+    fn demodulate<T: Real>(&mut self, x: &[T], start: usize) {
         let block = &x[start..start + self.n_block];
         let weighted = block.iter().zip(&self.weights.weights).map(|(x, w)| x.to_f64() * w);
         let mean = weighted.sum::<f64>() / self.weights.sum;
         self.phasors.fill(Complex::zero());
-        for (i, (value, weight)) in block.iter().zip(&self.weights.weights).enumerate() {
-            let turned = self.turned_at((start + i) as f64 / self.fs_hz);
+        let n_orders = self.phasors.len();
+        let turns = self.turns.chunks_exact(n_orders);
+        for ((value, weight), turns) in block.iter().zip(&self.weights.weights).zip(turns) {
             let value = weight * (value.to_f64() - mean);
-            for (phasor, o) in self.phasors.iter_mut().zip(&spec.search.orders) {
-                let (sin, cos) = (TAU * (o.order * turned).fract()).sin_cos();
-                *phasor += Complex::new(value * cos, -value * sin);
+            for (phasor, turn) in self.phasors.iter_mut().zip(turns) {
+                *phasor += turn * value;
             }
         }
     }

@@ -18,17 +18,36 @@ const MULTIPLES: f64 = 8.0;
 /// Relative error of a multiple's place: the rate is known that well.
 const TOLERANCE: f64 = 2e-3;
 
+/// Powers that are summed side by side.
+const LANES: usize = 16;
+
 /// The tone that carries more than half of the energy of the bins `band` of the spectrum `x_hat` with bins of
 /// `bin_hz`, if one does.
 #[must_use]
 pub fn leading_tone(x_hat: &[Complex<f32>], band: Range<usize>, bin_hz: f64) -> Option<Hz> {
     let bins = x_hat.get(band.clone())?;
-    let power = |bin: &Complex<f32>| f64::from(bin.norm_sqr());
-    let total: f64 = bins.iter().map(power).sum();
-    let (highest, _) = bins.iter().enumerate().max_by(|a, b| power(a.1).total_cmp(&power(b.1)))?;
+    let (total, greatest) = total_and_greatest(bins);
+    // The skirt of a tone is no stronger than its middle: what is less than this cannot lead.
+    if f64::from(greatest) * (2 * SKIRT + 1) as f64 <= LEADS * total {
+        return None;
+    }
+    let highest = bins.iter().rposition(|bin| bin.norm_sqr() >= greatest)?;
     let around = highest.saturating_sub(SKIRT)..(highest + SKIRT + 1).min(bins.len());
-    let tone: f64 = bins[around].iter().map(power).sum();
+    let tone: f64 = bins[around].iter().map(|bin| f64::from(bin.norm_sqr())).sum();
     (tone > LEADS * total).then_some(Hz((band.start + highest) as f64 * bin_hz))
+}
+
+/// Sum of the powers of `bins`, and the greatest; lanes side by side, for every band of every window is read.
+fn total_and_greatest(bins: &[Complex<f32>]) -> (f64, f32) {
+    let (mut totals, mut greatest) = ([0.0_f64; LANES], [0.0_f32; LANES]);
+    for chunk in bins.chunks(LANES) {
+        for ((bin, total), greatest) in chunk.iter().zip(&mut totals).zip(&mut greatest) {
+            let power = bin.norm_sqr();
+            *total += f64::from(power);
+            *greatest = if power > *greatest { power } else { *greatest };
+        }
+    }
+    (totals.iter().sum(), greatest.into_iter().fold(0.0, f32::max))
 }
 
 /// Whether a leading tone may be a multiple of the line's rate: only in a band that holds few of them.
