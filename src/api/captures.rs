@@ -2,6 +2,7 @@
 
 use super::error::ApiError;
 use super::extract::{Body, Path, Query, cut_page, in_range};
+use super::files;
 use super::state::ApiState;
 use super::view::{CaptureHandle, ShardRequest};
 use super::wire::alarms::{AlarmWire, parse_alarm_id};
@@ -14,18 +15,12 @@ use crate::diagnosis::baseline::signed;
 use crate::store::StoreError;
 use crate::store::captures::{CaptureIndex, CaptureQuery, CaptureState};
 use axum::Json;
-use axum::body::Body as AxumBody;
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use serde::Deserialize;
 use std::sync::Arc;
-use tower::ServiceExt;
-use tower_http::services::ServeFile;
 use utoipa::IntoParams;
-
-/// What a capture is.
-pub(super) const CONTENT_TYPE: &str = "application/x-hdf5";
 
 /// Items a page holds at most.
 const MAX_LIMIT: usize = 1000;
@@ -131,27 +126,7 @@ pub(super) async fn download(
     }
     let name = format!("{}.h5", entry.id);
     let file = recording(&root, &entry.machine, &name).filter(|_| entry.state.has_file());
-    let served = ServeFile::new(file.ok_or_else(gone)?).oneshot(request).await;
-    let mut response = match served {
-        Ok(response) => response.map(AxumBody::new).into_response(),
-        Err(never) => match never {},
-    };
-    if response.status() == StatusCode::NOT_FOUND {
-        return Err(gone());
-    }
-    let headers = response.headers_mut();
-    headers.insert(header::CONTENT_TYPE, const { HeaderValue::from_static(CONTENT_TYPE) });
-    if let Ok(named) = HeaderValue::from_str(&format!("attachment; filename=\"{}\"", plain(&name)))
-    {
-        headers.insert(header::CONTENT_DISPOSITION, named);
-    }
-    Ok(response)
-}
-
-/// A name that a header can hold.
-fn plain(name: &str) -> String {
-    let safe = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    name.chars().map(safe).collect()
+    files::attachment(file.ok_or_else(gone)?, &name, request).await.ok_or_else(gone)
 }
 
 /// Asks for a capture of what was just received and what follows.
@@ -217,12 +192,7 @@ async fn on_index<T: Send + 'static>(
     read: impl FnOnce(&dyn CaptureIndex) -> Result<T, StoreError> + Send + 'static,
 ) -> Result<T, ApiError> {
     let index = Arc::clone(&desk(state)?.index);
-    let done = tokio::task::spawn_blocking(move || read(&*index)).await;
-    let read = done.map_err(|error| {
-        tracing::error!(%error, "reading the index of captures panicked");
-        ApiError::Internal
-    })?;
-    Ok(read?)
+    Ok(files::beside(move || read(&*index)).await??)
 }
 
 fn desk(state: &ApiState) -> Result<&CaptureHandle, ApiError> {

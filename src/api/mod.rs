@@ -9,8 +9,10 @@ pub mod wire;
 pub mod error;
 pub mod state;
 mod extract;
+mod files;
 mod guard;
 mod machines;
+mod recordings;
 mod signals;
 mod trends;
 mod spectra;
@@ -109,6 +111,8 @@ fn routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(captures::list))
         .routes(routes!(captures::download))
         .routes(routes!(captures::request))
+        .routes(routes!(recordings::list))
+        .routes(routes!(recordings::download))
         .routes(routes!(baselines::list, baselines::learn))
         .routes(routes!(baselines::show, baselines::remove))
         .routes(routes!(baselines::activate))
@@ -149,7 +153,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
     let guards = ServiceBuilder::new()
         .layer(from_fn(guard::headers))
         .layer(CompressionLayer::new().compress_when(
-            DefaultPredicate::new().and(NotForContentType::const_new(captures::CONTENT_TYPE)),
+            DefaultPredicate::new().and(NotForContentType::const_new(files::CONTENT_TYPE)),
         ))
         .layer(from_fn(guard::problems))
         .layer(from_fn_with_state(state, guard::host))

@@ -9,6 +9,7 @@ use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Semaphore, oneshot, watch};
@@ -77,6 +78,8 @@ pub struct ApiState {
     /// The history of trends; `None`: there is none.
     pub(super) trends: Option<TrendHandle>,
     pub(super) captures: Option<CaptureHandle>,
+    /// Folder of recordings; `None`: there is no store for them.
+    pub(super) recordings: Option<PathBuf>,
     /// The configuration that holds; `None`: it is unknown.
     pub(super) configuration: Option<watch::Receiver<ConfigurationView>>,
     /// Lets senders of samples in; `None`: no source has any.
@@ -120,6 +123,7 @@ impl ApiState {
             events: None,
             trends: None,
             captures: None,
+            recordings: None,
             configuration: None,
             ingest: None,
         }
@@ -135,6 +139,12 @@ impl ApiState {
     #[must_use]
     pub fn with_captures(self, captures: Option<CaptureHandle>) -> Self {
         Self { captures, ..self }
+    }
+
+    /// Shows the recordings in a folder.
+    #[must_use]
+    pub fn with_recordings(self, root: PathBuf) -> Self {
+        Self { recordings: Some(root), ..self }
     }
 
     /// Lets senders of samples in, if a source has any.

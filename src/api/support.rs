@@ -29,6 +29,7 @@ use axum::body::{Body, Bytes, to_bytes};
 use axum::http::{HeaderMap, Request, StatusCode, header};
 use serde_json::Value;
 use std::f64::consts::TAU;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use tokio::sync::watch;
@@ -280,6 +281,11 @@ impl Service {
     /// The same service with captures.
     pub(crate) fn with_captures(self, captures: CaptureHandle) -> Self {
         Self::of_state(self.state.with_captures(Some(captures)), self.view)
+    }
+
+    /// The same service with a folder of recordings.
+    pub(crate) fn with_recordings(self, root: PathBuf) -> Self {
+        Self::of_state(self.state.with_recordings(root), self.view)
     }
 
     /// The same service with stored trends.

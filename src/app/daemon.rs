@@ -176,6 +176,7 @@ impl Daemon {
         let state = state.with_store(store).with_baselines(baselines).with_events(events);
         let listener = http::Patient::new(listener, stalled);
         let state = state.with_trends(trends).with_captures(captures);
+        let state = state.with_recordings(super::recording::root(config));
         let state = state.with_configuration(configuration);
         let router = http::router(state.with_ingest(open.map(live::pipe::handle)));
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));

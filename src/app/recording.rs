@@ -16,6 +16,7 @@ use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::ingest::replay::StreamInfo;
 use crate::telemetry::RecordingMetrics;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::time::Duration;
@@ -38,12 +39,16 @@ pub struct Recording {
     told: Counts,
 }
 
+/// Where recordings are.
+pub(super) fn root(config: &Config) -> PathBuf {
+    config.store.directory.join(FOLDER)
+}
+
 /// Opens the store of recordings, recovers what was left open in it and says what was found;
 /// `None` if nothing is recorded, in which case nothing is removed for the store's limit either.
 pub(super) fn open_store(config: &Config) -> Option<Arc<Mutex<Store>>> {
-    let root = config.store.directory.join(FOLDER);
     let limit = config.recording.map_or(u64::MAX, |_| config.bytes_beside_captures());
-    let (store, events) = Store::open(&root, limit);
+    let (store, events) = Store::open(&root(config), limit);
     events.iter().for_each(|event| log_store(None, event));
     config.recording.map(|_| Arc::new(Mutex::new(store)))
 }

@@ -111,6 +111,15 @@ fn a_recorded_replay_is_the_capture_again() {
     let told = CaptureReader::open(file, None, &Hints::default()).unwrap().info().to_string();
     assert!(!told.contains("left open") && told.contains("machine file inside"), "{told}");
     assert_eq!(diagnosed(&dir, file), diagnosed(&dir, &dir.join("x.h5")));
+    let (_, listed) = daemon.get_json("/api/v1/machines/rig-1/recordings");
+    let name = file.file_name().unwrap().to_str().unwrap();
+    assert_eq!(
+        (&listed["items"][0]["file"], &listed["items"][0]["state"]),
+        (&name.into(), &"finished".into())
+    );
+    let path = format!("/api/v1/machines/rig-1/recordings/{name}");
+    let (status, _, given) = daemon.get_binary(&path, &[]);
+    assert!(status == 200 && given == fs::read(file).unwrap(), "{status}: the file as it is");
     assert!(diagnosed(&dir, file).iter().any(|c| c["fault"] == "inner_race"));
     assert_eq!(daemon.terminate().status.code(), Some(0));
 }

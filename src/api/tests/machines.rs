@@ -2,7 +2,7 @@
 
 use crate::api::openapi_text;
 use crate::api::support::{Service, golden};
-use crate::api::tests::{baselines, captures, events, trends};
+use crate::api::tests::{baselines, captures, events, recordings, trends};
 use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
 use serde_json::{Value, json};
@@ -134,7 +134,7 @@ async fn committed_openapi_document_is_current_and_served() {
 async fn every_described_path_is_served() {
     let folder = tempfile::TempDir::new().unwrap();
     let service = baselines::service(folder.path()).with_captures(captures::handle(folder.path()));
-    let service = trends::stored(service, folder.path());
+    let service = recordings::kept(trends::stored(service, folder.path()), folder.path());
     // A stream of events ends with its store.
     let service = service.with_events(events::handle(folder.path()).0);
     let body = serde_json::json!({ "author": "a", "windows": 12 });
@@ -148,7 +148,10 @@ async fn every_described_path_is_served() {
             _ => "rig-1",
         };
         let path = path.replace("{id}", id).replace("{name}", "right_x");
-        let path = path.replace("{kind}", "bearing").replace("{component}", "right");
+        let path = path
+            .replace("{kind}", "bearing")
+            .replace("{file}", recordings::FILE)
+            .replace("{component}", "right");
         let path = path.replace("{bid}", learned["id"].as_str().unwrap());
         if methods.get("get").is_some() {
             let answer = service.get(&path).await;
@@ -163,5 +166,5 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 40);
+    assert_eq!(n_paths, 42);
 }

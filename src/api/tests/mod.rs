@@ -6,6 +6,7 @@ pub(super) mod events;
 pub(super) mod captures;
 mod guards;
 mod machines;
+mod recordings;
 mod signals;
 mod silences;
 mod simulation;

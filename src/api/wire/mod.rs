@@ -17,6 +17,7 @@ pub mod events;
 pub mod captures;
 pub mod baselines;
 pub mod problem;
+pub mod recordings;
 pub mod silences;
 pub mod system;
 pub mod simulation;

@@ -272,6 +272,43 @@ pub fn recording(root: &Path, machine: &str, name: &str) -> Option<PathBuf> {
     (is_recording && is_file()).then_some(file)
 }
 
+/// A recording in the store, being written or not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Recorded {
+    /// Name of its file.
+    pub name: String,
+    /// Bytes.
+    pub bytes: u64,
+    /// When it was written last, if the file system says so.
+    pub written: Option<SystemTime>,
+}
+
+/// Recordings of a machine under `root`, newest first; none if there is no such folder.
+///
+/// # Errors
+///
+/// If the folder cannot be read.
+pub fn recorded(root: &Path, machine: &str) -> io::Result<Vec<Recorded>> {
+    let listed = match fs::read_dir(root.join(as_name(machine))) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        listed => listed?,
+    };
+    let mut found = Vec::new();
+    for entry in listed {
+        let file = entry?.path();
+        let Some(name) = file.file_name().and_then(|name| name.to_str()) else { continue };
+        // A link, or a file that is gone since, is none.
+        let Ok(facts) = fs::symlink_metadata(&file) else { continue };
+        if facts.is_file() && matches!(part_of(&file), Some(Part::Recording)) {
+            let written = facts.modified().ok();
+            found.push(Recorded { name: name.to_owned(), bytes: facts.len(), written });
+        }
+    }
+    // Numbers have the same digits, but for those of eight nines and more.
+    found.sort_by(|a, b| (b.name.len(), &b.name).cmp(&(a.name.len(), &a.name)));
+    Ok(found)
+}
+
 /// What a file in a machine's folder is to the store.
 enum Part {
     Recording,
