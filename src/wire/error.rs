@@ -31,11 +31,13 @@ pub enum ErrorCode {
     TimeAhead,
     /// The daemon ends, or the machine cannot go on.
     Stopping,
+    /// The machine's stream was begun anew too often.
+    ReopenedTooOften,
 }
 
 impl ErrorCode {
     /// Every code.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Version,
         Self::Malformed,
         Self::Checksum,
@@ -50,6 +52,7 @@ impl ErrorCode {
         Self::NoRoom,
         Self::TimeAhead,
         Self::Stopping,
+        Self::ReopenedTooOften,
     ];
 
     /// Its number in frames.
@@ -70,6 +73,7 @@ impl ErrorCode {
             Self::NoRoom => 12,
             Self::TimeAhead => 13,
             Self::Stopping => 14,
+            Self::ReopenedTooOften => 15,
         }
     }
 
@@ -97,6 +101,7 @@ impl ErrorCode {
             Self::NoRoom => "no-room",
             Self::TimeAhead => "time-ahead",
             Self::Stopping => "stopping",
+            Self::ReopenedTooOften => "reopened-too-often",
         }
     }
 }

@@ -324,6 +324,7 @@ fn refused(problem: wire::Problem) -> Broken {
         ErrorCode::Checksum
         | ErrorCode::Timeout
         | ErrorCode::TooManyConnections
+        | ErrorCode::ReopenedTooOften
         | ErrorCode::Stopping => Broken::Line(io::Error::other(problem.text)),
         ErrorCode::Version
         | ErrorCode::Malformed

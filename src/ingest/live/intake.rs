@@ -10,6 +10,7 @@ use super::lane::Lane;
 use super::lane::Placing;
 pub use super::lane::Taken;
 use super::ledger::Ledger;
+use super::openings::Openings;
 use super::rules;
 use crate::ingest::replay::StreamInfo;
 use crate::machine::Machine;
@@ -68,6 +69,7 @@ pub struct Intake {
     gone: BTreeMap<String, Lane>,
     /// Connections that lost their channels to a newer one of the same sender.
     superseded: BTreeSet<u64>,
+    openings: Openings,
 }
 
 /// How a channel is doing.
@@ -104,6 +106,7 @@ impl Intake {
             senders: BTreeMap::new(),
             gone: BTreeMap::new(),
             superseded: BTreeSet::new(),
+            openings: Openings::default(),
         }
     }
 
@@ -136,7 +139,9 @@ impl Intake {
         let ids = if is_same {
             found.into_iter().flatten().collect()
         } else {
+            self.openings.check(&self.machine.id, arrived.0)?;
             let (ids, info) = self.reopen((&found, &old), described, facts, room)?;
+            self.openings.spend();
             opened = Some(info);
             ids
         };

@@ -11,6 +11,7 @@
 pub mod drift;
 pub mod ledger;
 mod lane;
+mod openings;
 mod rules;
 pub mod intake;
 pub mod pace;

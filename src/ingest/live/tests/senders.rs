@@ -218,3 +218,19 @@ fn a_sender_that_was_away_while_another_one_came_goes_on_with_its_counts_and_pla
     let taken = take(&mut intake, 5, &floats, 1.0).unwrap();
     assert!(taken.blocks[0].start.0 > 600, "{:?}", taken.blocks[0].start);
 }
+
+#[test]
+fn another_hello_again_and_again_is_refused_and_changes_nothing() {
+    let mut intake = intake();
+    let described = |i: u32| {
+        let mut channel = channel("x", SampleType::F32);
+        channel.scale = 1.0 + f64::from(i);
+        hello(1, vec![channel])
+    };
+    let refused =
+        (0..).find_map(|i| Some((i, admit(&mut intake, u64::from(i), 0.0, &described(i)).err()?)));
+    let (n, refusal) = refused.unwrap();
+    assert_eq!((n, refusal.code), (128, ErrorCode::ReopenedTooOften), "{refusal}");
+    // The sender that describes its channel as it is goes on.
+    assert_eq!(admit(&mut intake, 1000, 1.0, &described(n - 1)).unwrap().opened, None);
+}
