@@ -10,18 +10,25 @@ use crate::api::view::ShardRequest;
 use crate::capture::recording::store::recording as recording_file;
 use crate::causes::with_causes;
 use crate::config::Config;
+use crate::config::FileText;
 use crate::config::MachineConfig;
+use crate::config::change::described_otherwise;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::machine::Machine;
+use crate::machine::file;
 use crate::offline;
 use crate::offline::Reference;
+use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::SqliteBaselines;
 use crate::store::StoreError;
 use crate::store::active_records;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::PoisonError;
 use std::time::Duration;
 use tokio::sync::oneshot;
 
@@ -41,9 +48,58 @@ pub(super) fn named(entry: &MachineConfig) -> Result<Baseline, StartError> {
     Ok(Baseline { records: records.collect::<Result<_, _>>()?, provisional: false })
 }
 
+/// Who marks baselines as stale.
+const AUTHOR: &str = "rotorwatch";
+
+/// Baselines of a machine are used no more: `parts` of it are described otherwise than when they were used.
+pub(super) fn retire(
+    store: &dyn BaselineStore,
+    machine: &str,
+    ids: &[String],
+    parts: &[&str],
+) -> Result<(), StoreError> {
+    if ids.is_empty() {
+        return Ok(());
+    }
+    let comment = format!("stale: described otherwise: {}", parts.join(", "));
+    let act = Act { author: AUTHOR, comment: &comment, at: super::wall_clock() };
+    store.retire(machine, ids, &act)?;
+    let ids = ids.join(", ");
+    tracing::warn!(machine, ids, comment, "baselines are not used any more");
+    Ok(())
+}
+
+/// Before the start: what was learned of machines that are described otherwise since is stale, also if nobody was
+/// there to see it change.
+fn retire_of_others(config: &Config, store: &dyn BaselineStore) -> Result<(), StoreError> {
+    for entry in &config.machines {
+        let machine = entry.machine.id.as_str();
+        for (id, text) in store.described(machine)? {
+            // A file of an earlier version that cannot be read any more says nothing of what has changed.
+            let Some(Ok(was)) = text.map(|text| file::parse(&text, "as it was")) else { continue };
+            let parts = described_otherwise(&was, &entry.machine);
+            if !parts.is_empty() {
+                retire(store, machine, &[id], &parts)?;
+            }
+        }
+        store.describe(machine, &entry.text.0)?;
+    }
+    Ok(())
+}
+
+/// The machine files that hold, by machine: with them baselines are used that are learned from now on.
+pub(super) type Descriptions = Arc<Mutex<BTreeMap<String, FileText>>>;
+
+/// The machine files of a configuration.
+pub(super) fn descriptions(config: &Config) -> BTreeMap<String, FileText> {
+    let of = |entry: &MachineConfig| (entry.machine.id.clone(), entry.text.clone());
+    config.machines.iter().map(of).collect()
+}
+
 /// What HTTP needs for baselines.
 pub(super) fn handle(config: &Config) -> Result<BaselineHandle, StoreError> {
     let store = Arc::new(SqliteBaselines::join(&config.store.directory)?);
+    retire_of_others(config, &*store)?;
     let root = config.store.directory.join(recording::FOLDER);
     let measure = move |machine: &Arc<Machine>, name: &str| measure(&root, machine, name);
     let measure = Arc::new(measure);
@@ -71,6 +127,7 @@ pub(super) struct Watch {
     /// A connection of its own sees what every other writes.
     store: SqliteBaselines,
     machines: Vec<MachineHandle>,
+    descriptions: Descriptions,
 }
 
 impl Watch {
@@ -78,8 +135,12 @@ impl Watch {
     ///
     /// # Errors
     /// When the store cannot be opened once more.
-    pub(super) fn new(directory: &Path, machines: Vec<MachineHandle>) -> Result<Self, StoreError> {
-        Ok(Self { store: SqliteBaselines::join(directory)?, machines })
+    pub(super) fn new(
+        directory: &Path,
+        machines: Vec<MachineHandle>,
+        descriptions: Descriptions,
+    ) -> Result<Self, StoreError> {
+        Ok(Self { store: SqliteBaselines::join(directory)?, machines, descriptions })
     }
 
     /// Watches until the stop.
@@ -112,6 +173,15 @@ impl Watch {
             let (reply, _nobody_waits) = oneshot::channel();
             all_told &= (handle.submit)(ShardRequest::UseBaselines { records, reply }).is_ok();
         }
+        self.describe()?;
         Ok(all_told.then_some(now))
+    }
+
+    /// What is new was learned of the machines as they are described now.
+    fn describe(&self) -> Result<(), StoreError> {
+        let descriptions = self.descriptions.lock().unwrap_or_else(PoisonError::into_inner);
+        let machines = descriptions.clone();
+        drop(descriptions);
+        machines.iter().try_for_each(|(id, FileText(text))| self.store.describe(id, text))
     }
 }

@@ -119,7 +119,9 @@ impl Daemon {
         let limits = Arc::clone(&trending.limits);
         let (writing, captures) = plan.captures.unzip();
         let clock = keeper.clock;
-        let watch = Watch::new(&config.store.directory, handles.clone())?;
+        let descriptions = Arc::new(Mutex::new(super::baselines::descriptions(config)));
+        let watch =
+            Watch::new(&config.store.directory, handles.clone(), Arc::clone(&descriptions))?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
         let mut threads = Threads::new(6 + shards.len() + sources.len() + brokers.len());
         let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
@@ -164,6 +166,7 @@ impl Daemon {
             hub: hub.clone(),
             limits,
             baselines: Arc::clone(&baselines.store),
+            descriptions,
             notifier: Arc::clone(&notifier),
             keeper: keeper.clone(),
             told,

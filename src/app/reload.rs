@@ -5,6 +5,7 @@
 //! reaches; that is `config::change`.
 
 use super::baselines;
+use super::baselines::Descriptions;
 use super::build::configuration_hash;
 use super::keeper::Keeper;
 use super::link::Input;
@@ -25,7 +26,6 @@ use crate::config::change::Change;
 use crate::config::change::Extent;
 use crate::diagnosis::baseline::Baseline;
 use crate::pipeline::Renewal;
-use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::ConfigurationEntry;
 use crate::store::events::ConfigurationChange;
@@ -62,9 +62,6 @@ const MAX_TOLD: usize = 5;
 /// Longest text of an event, characters.
 const MAX_TEXT_CHARS: usize = 2000;
 
-/// Who marks baselines as stale.
-const AUTHOR: &str = "rotorwatch";
-
 /// What a change moves.
 pub(super) struct Levers {
     /// In the order of the configuration.
@@ -73,6 +70,7 @@ pub(super) struct Levers {
     pub(super) hub: Option<Arc<Hub>>,
     pub(super) limits: NewLimits,
     pub(super) baselines: Arc<dyn BaselineStore>,
+    pub(super) descriptions: Descriptions,
     pub(super) notifier: Arc<Mutex<Notifier>>,
     pub(super) keeper: Keeper,
     pub(super) told: watch::Sender<ConfigurationView>,
@@ -251,14 +249,11 @@ impl Reloader {
         }
         for (entry, extent) in config.machines.iter().zip(&change.machines) {
             if let Extent::Rebuilt { parts, stale: true } = extent {
-                let comment = format!("stale: described otherwise: {}", parts.join(", "));
-                let act = Act { author: AUTHOR, comment: &comment, at: super::wall_clock() };
-                let retired = self.levers.baselines.retire(&entry.machine.id, &act);
-                let ids = retired.map_err(|error| with_causes(&error))?;
-                if !ids.is_empty() {
-                    let (machine, ids) = (&entry.machine.id, ids.join(", "));
-                    tracing::warn!(machine, ids, "baselines are stale and not used any more");
-                }
+                let (store, machine) = (&*self.levers.baselines, entry.machine.id.as_str());
+                let active = store.described(machine).map_err(|error| with_causes(&error))?;
+                let ids: Vec<String> = active.into_iter().map(|(id, _)| id).collect();
+                baselines::retire(store, machine, &ids, parts)
+                    .map_err(|error| with_causes(&error))?;
             }
         }
         Ok(learned)
@@ -281,6 +276,10 @@ impl Reloader {
             let mut notifier = self.levers.notifier.lock().unwrap_or_else(PoisonError::into_inner);
             notifier.change(&new.notify);
         }
+        let mut descriptions =
+            self.levers.descriptions.lock().unwrap_or_else(PoisonError::into_inner);
+        *descriptions = baselines::descriptions(new);
+        drop(descriptions);
         let (config, hash) = (Arc::new(new.clone()), configuration_hash(new));
         let configuration: Arc<str> = hash.into();
         let (done, taken) = mpsc::sync_channel(self.levers.links.len().max(1));

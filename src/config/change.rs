@@ -259,6 +259,19 @@ fn of_machine(
     (MachineConfig { file, text, machine, baseline, source }, extent)
 }
 
+/// What of a machine is described otherwise, so that what was measured of it means something else.
+#[must_use]
+pub fn described_otherwise(old: &Machine, new: &Machine) -> Vec<&'static str> {
+    let mut parts = parts(old, new).rebuilt;
+    if converts_otherwise(old, new) {
+        parts.push(CONVERSION);
+    }
+    parts
+}
+
+/// Part of a sensor that says what its samples are.
+const CONVERSION: &str = "sensor: channel, kind, unit or sensitivity";
+
 /// What has changed in a machine file, by what it takes.
 #[derive(Debug, Default)]
 struct Parts {
@@ -303,7 +316,7 @@ fn parts(old: &Machine, new: &Machine) -> Parts {
             ("sensor", *sensors != old.sensors),
         ]),
         restart: named(&[
-            ("sensor: channel, kind, unit or sensitivity", converts_otherwise(old, new)),
+            (CONVERSION, converts_otherwise(old, new)),
             ("capture.map", *capture_map != old.capture_map),
         ]),
     }

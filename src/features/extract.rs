@@ -269,6 +269,16 @@ impl Extractor {
         (traces, cut)
     }
 
+    /// Peaks of a proximity probe, in speeds of the first shaft; `None` of any other sensor.
+    fn of_probe(&self, trace: &Trace<'_>, peaks: &[Peak]) -> Option<Vec<Peak>> {
+        let sensor = &self.machine.sensors[trace.sensor];
+        let shaft =
+            self.machine.shaft_at(sensor).filter(|_| sensor.kind == SensorKind::Proximitor)?;
+        let ratio = self.machine.shafts[shaft.0].ratio_to_first?;
+        let of_first = |p: &Peak| Peak { frequency: Hz(p.frequency.0 / ratio), ..*p };
+        Some(peaks.iter().map(of_first).collect())
+    }
+
     /// Speed of the first shaft by the contract's precedence.
     fn speed(&self, window: &Window<'_>, sensors: &[SensorReading], traces: &[Trace<'_>]) -> Speed {
         let nominal =
@@ -279,18 +289,21 @@ impl Extractor {
             return super::tacho::with_disagreement(measured, nominal);
         }
         let Some((nominal, source)) = nominal else { return Speed::unknown() };
-        let mut peaks: Vec<Peak> = Vec::new();
+        let (mut peaks, mut probes): (Vec<Peak>, Vec<Vec<Peak>>) = Default::default();
         let mut duration_s = f64::INFINITY;
         for trace in traces {
             let rate = trace.rate;
             let n = trace.samples.len();
             duration_s = duration_s.min(n as f64 / rate.0);
             let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
-            peaks.extend(speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5)));
+            let found = speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5));
+            probes.extend(self.of_probe(trace, &found));
+            peaks.extend(found);
         }
         let imitators = speed::imitators(&self.machine);
         let excluded = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
-        let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded);
+        let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
+            .or_else(|| speed::find_probe_line(&probes, nominal, duration_s, &excluded));
         let mut settled = speed::settle(nominal, source, comb);
         if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
             settled.notes.extend(super::tacho::disagreement(

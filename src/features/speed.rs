@@ -239,6 +239,47 @@ pub fn find_comb(
     best.map(|(comb, _)| comb).filter(|c| (c.speed.0 / nominal.0 - 1.0).abs() <= REFINE_RANGE)
 }
 
+/// How much stronger than any other line near a nominal speed, in power, a probe's 1× is: a shaft has one speed.
+const PROBE_LEAD: f64 = 10.0;
+
+/// The speed by the 1× that proximity probes see, where there is no comb (F21): a probe looks at the shaft itself, whose
+/// run-out, bow and unbalance all come once a turn and which nothing else moves so near its speed.
+///
+/// `probes`: peaks of each probe, in speeds of the first shaft. `None` unless each that has a strong line within ± 3 %
+/// of `nominal` has a single one, and all the same.
+#[must_use]
+pub fn find_probe_line(
+    probes: &[Vec<Peak>],
+    nominal: Hz,
+    duration_s: f64,
+    excluded: &[Hz],
+) -> Option<Comb> {
+    let tolerance_hz = 0.5 / duration_s;
+    let is_free = |p: &Peak| {
+        !excluded.iter().any(|e| (p.frequency.0 - e.0).abs() < 2.0 / duration_s)
+            && (p.frequency.0 / nominal.0 - 1.0).abs() <= REFINE_RANGE
+    };
+    let (mut numerator, mut denominator) = (0.0, 0.0);
+    let mut found: Option<f64> = None;
+    for peaks in probes {
+        let near = peaks.iter().copied().filter(is_free);
+        let strongest = near.clone().max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio));
+        let Some(line) = strongest.filter(|p| p.power_ratio > PAIR_POWER_RATIO) else { continue };
+        let is_rival = |p: &Peak| {
+            (p.frequency.0 - line.frequency.0).abs() > 2.0 * tolerance_hz
+                && p.power_ratio * PROBE_LEAD > line.power_ratio
+        };
+        let first = *found.get_or_insert(line.frequency.0);
+        if near.clone().any(|p| is_rival(&p)) || (line.frequency.0 - first).abs() > tolerance_hz {
+            return None;
+        }
+        let weight = line.power_ratio.min(1e4);
+        numerator += weight * line.frequency.0;
+        denominator += weight;
+    }
+    found.map(|_| Comb { speed: Hz(numerator / denominator), harmonics: 1 })
+}
+
 /// Whether one of the orders `imitators` may pose as a shaft's harmonic `order`.
 pub(super) fn is_imitated(order: f64, imitators: &[f64]) -> bool {
     imitators.iter().any(|i| (i - order).abs() < IMITATION * order)
@@ -286,10 +327,15 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
     // Until calibrated: a comb leaves little doubt; a figure written down by an operator or a rig is
     // worth more than a name plate.
     let (first, source, confidence) = match comb {
-        Some(comb) if (comb.speed.0 / nominal.0 - 1.0).abs() > MOVED => {
-            (comb.speed, SpeedSource::Estimated, 0.95)
+        Some(comb) => {
+            let is_moved = (comb.speed.0 / nominal.0 - 1.0).abs() > MOVED;
+            let confidence = match (comb.harmonics, is_moved) {
+                (1, _) => 0.9,
+                (_, true) => 0.95,
+                (_, false) => 0.98,
+            };
+            (comb.speed, if is_moved { SpeedSource::Estimated } else { source }, confidence)
         }
-        Some(comb) => (comb.speed, source, 0.98),
         None => match source {
             SpeedSource::Machine => (nominal, source, 0.7),
             SpeedSource::Tacho
@@ -373,6 +419,27 @@ mod tests {
             settle(Hz(30.0), SpeedSource::Capture, Some(comb)).source,
             Some(SpeedSource::Estimated)
         );
+    }
+
+    #[test]
+    fn a_probe_tells_the_speed_by_one_line_and_two_that_differ_tell_none() {
+        let peak = |hz: f64, power_ratio: f64| Peak { frequency: Hz(hz), power_ratio };
+        let find = |probes: &[Vec<Peak>]| {
+            find_probe_line(probes, Hz(9.8), 10.0, &[Hz(9.6)]).map(|comb| comb.speed.0)
+        };
+        let (x, y) = (vec![peak(10.0, 1e5), peak(42.0, 1e6)], vec![peak(10.01, 1e5)]);
+        let found = find(&[x.clone(), y.clone()]).unwrap();
+        assert!((found - 10.005).abs() < 1e-9, "{found}");
+        assert_eq!(find(&[x.clone(), Vec::new()]), Some(10.0), "a blind one says nothing");
+        assert_eq!(find(&[x.clone(), vec![peak(9.9, 1e5)]]), None, "they differ");
+        assert_eq!(find(&[vec![peak(10.0, 1e5), peak(9.85, 2e4)]]), None, "which of the two");
+        assert_eq!(find(&[vec![peak(10.0, 90.0)]]), None, "too weak");
+        assert_eq!(find(&[vec![peak(10.2, 1e5)]]), None, "beyond 3 %");
+        assert_eq!(find(&[vec![peak(9.7, 1e5)]]), Some(9.7));
+        assert_eq!(find(&[vec![peak(9.61, 1e5)]]), None, "the mains");
+        let settled =
+            settle(Hz(9.8), SpeedSource::Capture, find_probe_line(&[x, y], Hz(9.8), 10.0, &[]));
+        assert_eq!((settled.source, settled.confidence), (Some(SpeedSource::Estimated), 0.9));
     }
 
     #[test]

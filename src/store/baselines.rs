@@ -105,11 +105,13 @@ fn use_instead(
     replaced: &[Arc<str>],
 ) -> rusqlite::Result<bool> {
     let mut set = transaction
-        .prepare_cached("UPDATE baseline SET active = ?3 WHERE machine = ?1 AND id = ?2")?;
+        .prepare_cached("UPDATE baseline SET active = 0 WHERE machine = ?1 AND id = ?2")?;
     for other in replaced.iter().filter(|other| ***other != *id) {
-        set.execute(params![machine, &**other, 0])?;
+        set.execute(params![machine, &**other])?;
     }
-    Ok(set.execute(params![machine, id, 1])? > 0)
+    // Whoever activates it says that it holds for the machine as it is described now.
+    let sql = "UPDATE baseline SET active = 1, described = NULL WHERE machine = ?1 AND id = ?2";
+    Ok(transaction.execute(sql, [machine, id])? > 0)
 }
 
 fn write(transaction: &Transaction<'_>, signed: &Signed) -> rusqlite::Result<()> {
@@ -271,22 +273,42 @@ impl BaselineStore for SqliteBaselines {
         self.commit(("baseline_activated", machine, id), act, work)
     }
 
-    fn retire(&self, machine: &str, act: &Act<'_>) -> Result<Vec<String>, StoreError> {
+    fn retire(&self, machine: &str, ids: &[String], act: &Act<'_>) -> Result<(), StoreError> {
         let mut connection = self.connection();
-        let mut done = || -> rusqlite::Result<Vec<String>> {
+        let mut done = || -> rusqlite::Result<()> {
             let transaction = connection.transaction()?;
-            let ids = transaction
-                .prepare("SELECT id FROM baseline WHERE machine = ?1 AND active = 1 ORDER BY id")?
-                .query_map([machine], |row| row.get(0))?
-                .collect::<rusqlite::Result<Vec<String>>>()?;
-            for id in &ids {
-                transaction.execute("UPDATE baseline SET active = 0 WHERE id = ?1", [id])?;
-                audit(&transaction, ("baseline_stale", machine, id), act)?;
+            for id in ids {
+                let n = transaction.execute(
+                    "UPDATE baseline SET active = 0 WHERE machine = ?1 AND id = ?2 AND active = 1",
+                    [machine, id],
+                )?;
+                if n > 0 {
+                    audit(&transaction, ("baseline_stale", machine, id), act)?;
+                }
             }
-            transaction.commit()?;
-            Ok(ids)
+            transaction.commit()
         };
         done().map_err(|source| failed("marking baselines as stale", source))
+    }
+
+    fn described(&self, machine: &str) -> Result<Vec<(String, Option<String>)>, StoreError> {
+        let connection = self.connection();
+        let found = || -> rusqlite::Result<Vec<(String, Option<String>)>> {
+            connection
+                .prepare(
+                    "SELECT id, described FROM baseline WHERE machine = ?1 AND active = 1 ORDER BY id",
+                )?
+                .query_map([machine], |row| Ok((row.get(0)?, row.get(1)?)))?
+                .collect()
+        };
+        found().map_err(|source| failed("reading what baselines were used with", source))
+    }
+
+    fn describe(&self, machine: &str, text: &str) -> Result<(), StoreError> {
+        let sql = "UPDATE baseline SET described = ?2
+                   WHERE machine = ?1 AND active = 1 AND described IS NULL";
+        let done = self.connection().execute(sql, [machine, text]);
+        done.map(drop).map_err(|source| failed("noting what baselines are used with", source))
     }
 
     fn remove(&self, (machine, id): (&str, &str), act: &Act<'_>) -> Result<bool, StoreError> {

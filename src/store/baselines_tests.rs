@@ -106,6 +106,32 @@ fn every_act_is_whole_and_has_its_line_in_the_audit() {
 }
 
 #[test]
+fn the_description_a_baseline_is_used_with_stays_until_somebody_activates_it_again() {
+    let dir = TempDir::new().unwrap();
+    let store = SqliteBaselines::open(dir.path()).unwrap();
+    let (a, b) = (signed("rig-1", 10.0, 1.0), signed("rig-2", 10.0, 2.0));
+    store.learn(&a, &[]).unwrap();
+    store.learn(&b, &[]).unwrap();
+    let described = || store.described("rig-1").unwrap();
+    let id = a.id.to_string();
+    assert_eq!(described(), [(id.clone(), None)]);
+    store.describe("rig-1", "first").unwrap();
+    store.describe("rig-1", "second").unwrap();
+    assert_eq!(described(), [(id.clone(), Some("first".to_owned()))]);
+    assert_eq!(store.described("rig-2").unwrap()[0].1, None);
+    // Twice: one line in the audit; the other machine's is not touched.
+    for _ in 0..2 {
+        store.retire("rig-1", &[id.clone(), b.id.to_string()], &by("rotorwatch")).unwrap();
+    }
+    assert!(described().is_empty());
+    assert_eq!(store.described("rig-2").unwrap().len(), 1);
+    let stale = audit(dir.path()).into_iter().filter(|line| line.1 == "baseline_stale");
+    assert_eq!(stale.count(), 1);
+    assert!(store.activate(("rig-1", &a.id), &[], &by("M. Ito")).unwrap());
+    assert_eq!(described(), [(id, None)], "it holds for what the machine is now");
+}
+
+#[test]
 fn a_baseline_that_was_changed_by_hand_is_told() {
     let dir = TempDir::new().unwrap();
     let store = SqliteBaselines::open(dir.path()).unwrap();

@@ -226,12 +226,25 @@ pub trait BaselineStore: Send + Sync {
     /// When it cannot be stored, also if its id is there already; nothing has changed then.
     fn learn(&self, signed: &Signed, replaced: &[Arc<str>]) -> Result<(), StoreError>;
 
-    /// Uses no baseline of a machine any more, because what was measured means something else now; they can be activated
-    /// again. Gives their ids.
+    /// Uses baselines of a machine no more, because what was measured means something else now; they can be activated
+    /// again.
     ///
     /// # Errors
     /// When that cannot be stored; nothing has changed then.
-    fn retire(&self, machine: &str, act: &Act<'_>) -> Result<Vec<String>, StoreError>;
+    fn retire(&self, machine: &str, ids: &[String], act: &Act<'_>) -> Result<(), StoreError>;
+
+    /// Active baselines of a machine by id, with the machine file with which each was used last; `None`: not used since
+    /// it was learned or activated.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    fn described(&self, machine: &str) -> Result<Vec<(String, Option<String>)>, StoreError>;
+
+    /// Active baselines of a machine that were not used before are used with this machine file.
+    ///
+    /// # Errors
+    /// When that cannot be stored.
+    fn describe(&self, machine: &str, text: &str) -> Result<(), StoreError>;
 
     /// Uses a baseline of (machine, id) instead of those in `replaced`; false: there is none.
     ///

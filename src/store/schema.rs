@@ -104,6 +104,8 @@ const MIGRATIONS: &[&str] = &[
         silence TEXT NOT NULL, author TEXT NOT NULL, comment TEXT NOT NULL, since_utc INTEGER NOT NULL,
         until_utc INTEGER, remaining_s REAL, PRIMARY KEY (machine, number)) WITHOUT ROWID;
      CREATE TABLE advance_last (machine TEXT PRIMARY KEY, number INTEGER NOT NULL) WITHOUT ROWID;",
+    // 9: the machine file with which a baseline was used last; null: not used since it was learned or activated.
+    "ALTER TABLE baseline ADD COLUMN described TEXT;",
 ];
 
 /// The newest schema.

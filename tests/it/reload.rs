@@ -204,6 +204,41 @@ fn a_machine_that_is_described_otherwise_is_rebuilt_and_no_other_notices() {
 }
 
 #[test]
+fn what_was_described_otherwise_while_nobody_ran_makes_baselines_stale() {
+    let mut daemon = start();
+    let body = json!({ "author": "M. Ito", "windows": 5 });
+    let learned = support::wait_until("five windows", || {
+        let (status, learned) = daemon.post_json("/api/v1/machines/rig-1/baselines", &body);
+        (status == 201).then_some(learned)
+    });
+    let path = format!("/api/v1/machines/rig-1/baselines/{}", learned["id"].as_str().unwrap());
+    let restart = |mut daemon: Daemon, text: &str| {
+        daemon.signal("KILL");
+        daemon.child.wait().unwrap();
+        let dir = std::mem::replace(&mut daemon.dir, TempDir::new().unwrap());
+        fs::write(dir.path().join("rig.toml"), text).unwrap();
+        Daemon::start_in(dir)
+    };
+    let is_active = |daemon: &Daemon| daemon.get_json(&path).1["active"] == true;
+    // Another limit, a restart: the baseline holds. Noticing that it is used takes the daemon a second.
+    daemon = restart(daemon, &limit(5.0));
+    assert!(is_active(&daemon));
+    daemon = restart(daemon, &limit(5.0).replace("elements = 11", "elements = 9"));
+    assert!(!is_active(&daemon));
+    let (_, audit) = daemon.get_json("/api/v1/audit?machine=rig-1&limit=1");
+    let line = &audit["items"][0];
+    assert_eq!(line["action"], "baseline_stale", "{audit}");
+    assert_eq!(line["comment"], "stale: described otherwise: bearing");
+    // Whoever says that it still holds is believed, over restarts too.
+    let activate = format!("{path}/activate");
+    let (status, told) = daemon.post_json(&activate, &json!({ "author": "M. Ito", "comment": "" }));
+    assert_eq!(status, 200, "{told}");
+    daemon = restart(daemon, &limit(5.0).replace("elements = 11", "elements = 9"));
+    assert!(is_active(&daemon));
+    assert_eq!(daemon.terminate().status.code(), Some(0));
+}
+
+#[test]
 fn receivers_are_exchanged_and_none_that_stays_notices() {
     let (stays, comes) = (crate::hook::Hook::start(200), crate::hook::Hook::start(200));
     let hook = |name: &str, url: &str| {

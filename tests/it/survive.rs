@@ -147,7 +147,9 @@ impl Oracle {
         }
         for message in &messages[self.n_compared..] {
             let told = message.json();
-            let event = &self.events[&told["sequence"].as_u64().unwrap()];
+            assert_eq!(told["stored"], true, "nothing refused here: {told}");
+            let event = self.events.get(&told["sequence"].as_u64().unwrap());
+            let event = event.unwrap_or_else(|| panic!("told and lost: {told}"));
             for key in ["event", "time", "author", "comment"] {
                 assert_eq!(told[key], event[key], "{key}: sent {told}, stored {event}");
             }
@@ -363,8 +365,10 @@ fn kill_and_restart(n_rounds: u64, seed: u64) {
         let (dir, killed_at) = live(daemon, &mut oracle, round, more);
         daemon = Daemon::start_in(dir);
         let alarms = standing(&daemon);
+        // Before the history: the daemon that runs tells of what happens after it was read.
+        let messages = hook.messages();
         oracle.read_history(&daemon);
-        oracle.check_told(&hook.messages());
+        oracle.check_told(&messages);
         oracle.check_lives();
         oracle.check_standing(&alarms);
         oracle.check_captures(&daemon, killed_at);

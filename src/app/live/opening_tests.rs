@@ -63,8 +63,16 @@ impl BaselineStore for Falling {
         Ok(false)
     }
 
-    fn retire(&self, _: &str, _: &Act<'_>) -> Result<Vec<String>, StoreError> {
+    fn retire(&self, _: &str, _: &[String], _: &Act<'_>) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    fn described(&self, _: &str) -> Result<Vec<(String, Option<String>)>, StoreError> {
         Ok(Vec::new())
+    }
+
+    fn describe(&self, _: &str, _: &str) -> Result<(), StoreError> {
+        Ok(())
     }
 
     fn remove(&self, _: (&str, &str), _: &Act<'_>) -> Result<bool, StoreError> {
