@@ -109,19 +109,24 @@ impl Extractor {
             | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let (mut absolute_lines, mut pieces) = (Vec::new(), Vec::new());
+        let mut elsewhere = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
-            let mut reader = LineReader::new(&machine, first);
+            elsewhere = speed::elsewhere(&speed);
+            let others = elsewhere.iter().map(|other| other.first).collect();
+            let mut reader = LineReader::new(&machine, first).also_at(others);
             for trace in traces.iter().chain(&cut) {
                 let sensor = &machine.sensors[trace.sensor];
                 let range = trace.range;
-                bearing_lines.extend(reader.envelope_lines(
+                let (here, others) = reader.envelope_lines(
                     sensor,
                     (trace.channel, trace.rate, range),
                     &trace.x_hat,
                     trace.samples.len(),
                     &mut self.plans,
-                ));
+                );
+                bearing_lines.extend(here);
+                elsewhere.iter_mut().zip(others).for_each(|(at, lines)| at.lines.extend(lines));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
             for trace in &traces {
@@ -154,6 +159,7 @@ impl Extractor {
             channels,
             shaft_lines,
             bearing_lines,
+            elsewhere,
             absolute_lines,
             gears,
             pieces,

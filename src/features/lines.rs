@@ -74,6 +74,8 @@ struct Target {
 pub struct LineReader<'m> {
     machine: &'m Machine,
     first: Hz,
+    /// Speeds the first shaft may turn at as well.
+    elsewhere: Vec<Hz>,
     scratch: Vec<f32>,
     /// Squared envelope of a band.
     e2: Vec<f32>,
@@ -86,11 +88,17 @@ impl<'m> LineReader<'m> {
     /// Prepares for the speed `first` of the first shaft.
     #[must_use]
     pub fn new(machine: &'m Machine, first: Hz) -> Self {
-        Self { machine, first, scratch: Vec::new(), e2: Vec::new() }
+        Self { machine, first, elsewhere: Vec::new(), scratch: Vec::new(), e2: Vec::new() }
+    }
+
+    /// The same, which looks at other speeds of the first shaft, too.
+    #[must_use]
+    pub fn also_at(self, elsewhere: Vec<Hz>) -> Self {
+        Self { elsewhere, ..self }
     }
 
     /// Reads all lines of all bearings that `sensor` listens to, in the squared envelope of its
-    /// bands. `x_hat` is the spectrum of `n` samples.
+    /// bands: at the speed, and at each of the others. `x_hat` is the spectrum of `n` samples.
     pub fn envelope_lines(
         &mut self,
         sensor: &Sensor,
@@ -98,13 +106,16 @@ impl<'m> LineReader<'m> {
         x_hat: &[Complex<f32>],
         n: usize,
         plans: &mut Plans,
-    ) -> Vec<LineSearch> {
+    ) -> (Vec<LineSearch>, Vec<Vec<LineSearch>>) {
         let (_, rate, _) = heard;
         let duration_s = n as f64 / rate.0;
         let usable = bands::usable_band(sensor, rate);
         let mut searches = Vec::new();
         let mut pending: Vec<(usize, Target)> = Vec::new();
-        for target in self.targets(sensor) {
+        let targets = self.targets(sensor, self.first);
+        let n_here = targets.len();
+        let elsewhere = self.elsewhere.iter().flat_map(|first| self.targets(sensor, *first));
+        for target in targets.into_iter().chain(elsewhere) {
             let blocked = target.unreadable(usable, duration_s);
             let is_readable = blocked.is_none();
             searches.push(LineSearch {
@@ -126,7 +137,9 @@ impl<'m> LineReader<'m> {
         if !pending.is_empty() {
             self.read_bands((x_hat, n, rate), usable, &pending, &mut searches, plans);
         }
-        searches
+        // As many at each speed: what there is to look for does not depend on it.
+        let others = searches.split_off(n_here);
+        (searches, others.chunks(n_here.max(1)).map(<[LineSearch]>::to_vec).collect())
     }
 
     /// Demodulates band by band and reads every pending line in each.
@@ -210,7 +223,7 @@ impl<'m> LineReader<'m> {
         };
         let usable = bands::usable_band(sensor, rate);
         let mut found = Vec::new();
-        for target in self.targets(sensor) {
+        for target in self.targets(sensor, self.first) {
             if target.unreadable(usable, duration_s).is_some() {
                 continue;
             }
@@ -274,13 +287,13 @@ impl<'m> LineReader<'m> {
         (0..self.machine.bearings.len()).filter(|b| near(*b)).map(BearingIndex).collect()
     }
 
-    /// The defect lines of all bearings a sensor is asked about, at the window's speed; none of a
+    /// The defect lines of all bearings a sensor is asked about, at a speed of the first shaft; none of a
     /// bearing without geometry.
-    fn targets(&self, sensor: &Sensor) -> Vec<Target> {
+    fn targets(&self, sensor: &Sensor, first: Hz) -> Vec<Target> {
         let mut targets = Vec::new();
         for bearing in self.bearings_heard_by(sensor) {
             let described = self.machine.bearing(bearing);
-            let speed = self.machine.shaft_speed(described.shaft, self.first);
+            let speed = self.machine.shaft_speed(described.shaft, first);
             let Some(shaft_speed) = speed else { continue };
             let Some(rates) = described.fault_rates(shaft_speed) else { continue };
             let ftf = Hz(rates.ftf.0.abs());
@@ -293,7 +306,7 @@ impl<'m> LineReader<'m> {
                 let expected = rate_of(line, &rates);
                 let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
                 let band = line.band_of(&bands);
-                let known = self.known_lines(Hz(expected.0 * (1.0 + band.high)));
+                let known = self.known_lines(Hz(expected.0 * (1.0 + band.high)), first);
                 let rival = rival(line, &rates, &bands);
                 Target {
                     bearing,
@@ -311,17 +324,21 @@ impl<'m> LineReader<'m> {
         targets
     }
 
-    /// Lines of the machine below the highest harmonic of `expected` that are no bearing defect.
-    fn known_lines(&self, expected: Hz) -> Vec<KnownLine> {
+    /// Lines of the machine below the highest harmonic of `expected` that are no bearing defect: of the shafts at the
+    /// window's speed, and at `first` if that is another.
+    fn known_lines(&self, expected: Hz, first: Hz) -> Vec<KnownLine> {
         let top = Hz(expected.0 * 1.1 * bearing::N_HARMONICS as f64);
         let mut known = Vec::new();
-        for shaft in &self.machine.shafts {
-            let Some(ratio) = shaft.ratio_to_first else { continue };
-            let harmonics = harmonics_below(Hz(self.first.0 * ratio), top).enumerate();
-            known.extend(harmonics.map(|(i, frequency)| KnownLine {
-                frequency,
-                label: format!("{}× {}", i + 1, shaft.id),
-            }));
+        let other = Some(first).filter(|first| *first != self.first);
+        for speed in std::iter::once(self.first).chain(other) {
+            for shaft in &self.machine.shafts {
+                let Some(ratio) = shaft.ratio_to_first else { continue };
+                let harmonics = harmonics_below(Hz(speed.0 * ratio), top).enumerate();
+                known.extend(harmonics.map(|(i, frequency)| KnownLine {
+                    frequency,
+                    label: format!("{}× {}", i + 1, shaft.id),
+                }));
+            }
         }
         let mains = mains_lines(self.machine, top).into_iter();
         known.extend(mains.map(|frequency| KnownLine { frequency, label: "mains".to_owned() }));
@@ -420,7 +437,7 @@ mod tests {
         );
         let machine = file::parse(&text, "m.toml").unwrap();
         let reader = LineReader::new(&machine, Hz(29.5));
-        let targets = reader.targets(&machine.sensors[0]);
+        let targets = reader.targets(&machine.sensors[0], reader.first);
         targets.iter().map(|t| (t.line, t.unreadable((Hz(0.0), Hz(5000.0)), 10.0))).collect()
     }
 

@@ -91,6 +91,15 @@ impl Window<'_> {
     }
 }
 
+/// Searches for bearing defect lines at another speed than the one that is written down.
+#[derive(Debug, Clone)]
+pub struct Elsewhere {
+    /// Speed of the first shaft.
+    pub first: crate::units::Hz,
+    /// The searches.
+    pub lines: Vec<bearing::LineSearch>,
+}
+
 /// Everything measured in one window.
 #[derive(Debug, Clone)]
 pub struct WindowFeatures {
@@ -108,6 +117,8 @@ pub struct WindowFeatures {
     pub shaft_lines: Vec<shaft::OverFloor>,
     /// Searches for bearing defect lines.
     pub bearing_lines: Vec<bearing::LineSearch>,
+    /// The same at speeds the shaft may turn at as well, where its speed is only written down (F22).
+    pub elsewhere: Vec<Elsewhere>,
     /// Absolute-vibration lines of x/y pairs.
     pub absolute_lines: Vec<absolute::AbsoluteLine>,
     /// Synchronous averages at gears.

@@ -7,6 +7,7 @@
 //! `dsp::comb` and `dsp::speed_track` find a speed in one record without any nominal; here the peaks of all channels' spectra,
 //! which are there already, are pooled near a nominal one, and orders are left out by the machine: those cannot do that.
 
+use super::Elsewhere;
 use super::shaft::hann_magnitude;
 use super::turning::Turning;
 use crate::dsp::order::PhaseTrack;
@@ -101,6 +102,17 @@ impl Speed {
         self.excursion > TRANSIENT_EXCURSION
     }
 
+    /// Whether the speed is only written down: nothing in the signal confirms it, and the shaft may turn up to
+    /// [`REFINE_RANGE`] faster or slower.
+    #[must_use]
+    pub fn is_only_written(&self) -> bool {
+        let is_nominal = matches!(
+            self.source,
+            Some(SpeedSource::Capture | SpeedSource::Machine | SpeedSource::Option)
+        );
+        is_nominal && self.turning.is_none() && self.confidence <= WRITTEN
+    }
+
     /// What is said of a window whose speed changes.
     #[must_use]
     pub fn change(&self) -> String {
@@ -122,6 +134,9 @@ impl Speed {
         }
     }
 }
+
+/// Most confidence in a nominal speed that no line confirms.
+const WRITTEN: f64 = 0.85;
 
 /// Nominal speeds may be moved this far, relative.
 pub const REFINE_RANGE: f64 = 0.03;
@@ -342,7 +357,7 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
             | SpeedSource::SpeedChannel
             | SpeedSource::Capture
             | SpeedSource::Option
-            | SpeedSource::Estimated => (nominal, source, 0.85),
+            | SpeedSource::Estimated => (nominal, source, WRITTEN),
         },
     };
     Speed {
@@ -355,6 +370,15 @@ pub fn settle(nominal: Hz, source: SpeedSource, comb: Option<Comb>) -> Speed {
         is_evened: false,
         notes: Vec::new(),
     }
+}
+
+/// Speeds at which a shaft is looked at as well if its speed is only written down (F22): with the slip of −2…+1 % they
+/// reach from 5 % below to 4 % above.
+pub(super) fn elsewhere(speed: &Speed) -> Vec<Elsewhere> {
+    let around = speed.first.filter(|_| speed.is_only_written());
+    let at =
+        |first: Hz, part: f64| Elsewhere { first: Hz(first.0 * (1.0 + part)), lines: Vec::new() };
+    around.map_or_else(Vec::new, |first| vec![at(first, REFINE_RANGE), at(first, -REFINE_RANGE)])
 }
 
 /// Orders of the first shaft at which bearing lines could pose as shaft harmonics.
@@ -435,7 +459,7 @@ mod tests {
         assert_eq!(find(&[vec![peak(10.0, 1e5), peak(9.85, 2e4)]]), None, "which of the two");
         assert_eq!(find(&[vec![peak(10.0, 90.0)]]), None, "too weak");
         assert_eq!(find(&[vec![peak(10.2, 1e5)]]), None, "beyond 3 %");
-        assert_eq!(find(&[vec![peak(9.7, 1e5)]]), Some(9.7));
+        assert_eq!(find(&[vec![peak(9.85, 1e5)]]), Some(9.85));
         assert_eq!(find(&[vec![peak(9.61, 1e5)]]), None, "the mains");
         let settled =
             settle(Hz(9.8), SpeedSource::Capture, find_probe_line(&[x, y], Hz(9.8), 10.0, &[]));

@@ -3,6 +3,7 @@
 use crate::impulses::Defect;
 use crate::impulses::Scene;
 use crate::impulses::files;
+use crate::scene;
 use crate::support;
 use crate::support::Ended;
 use serde_json::Value;
@@ -214,4 +215,32 @@ fn a_reader_that_is_gone_is_no_error() {
     let ended = command.args(["diagnose", "inner.h5", "missing.h5"]).output().unwrap();
     let stderr = String::from_utf8(ended.stderr).unwrap();
     assert_eq!((ended.status.code(), stderr.as_str()), (Some(0), ""), "it stops, as `head` asks");
+}
+
+#[test]
+fn a_speed_that_nothing_confirms_acquits_no_bearing_of_which_another_speed_shows_a_line() {
+    let dir = TempDir::new().unwrap();
+    fs::write(dir.path().join("rig.toml"), scene::MACHINE).unwrap();
+    scene::write(&dir.path().join("x.h5"), &scene::samples(1), None);
+    // One line at 1x is no comb, so the speed stays as it is said.
+    let right_at = |speed: f64| {
+        let said = speed.to_string();
+        let ended = diagnose(
+            &dir,
+            &["--format", "json", "--machine", "rig.toml", "--speed", &said, "x.h5"],
+        );
+        let document = documents(&ended).remove(0);
+        let components = document["components"].as_array().unwrap();
+        components.iter().find(|c| c["id"] == "right").unwrap().clone()
+    };
+    let low = right_at(0.975 * scene::SPEED_HZ);
+    assert_eq!(low["state"], "undetermined", "{low:#}");
+    let why = low["why"].as_str().unwrap();
+    assert!(why.contains("measure the speed") && why.contains("BPFI"), "{why}");
+    let evidence = low["evidence"].as_array().unwrap();
+    assert!(evidence.iter().any(|e| e["value"].as_f64().is_some_and(|v| v > 1.0)), "{low:#}");
+    // Slip reaches 2 % down.
+    for near in [scene::SPEED_HZ, 1.015 * scene::SPEED_HZ] {
+        assert_eq!(right_at(near)["fault"], "inner_race", "{near} Hz");
+    }
 }

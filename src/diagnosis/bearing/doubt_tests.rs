@@ -136,6 +136,7 @@ fn judged_on(
             floor_dof: 100.0,
         }],
         bearing_lines,
+        elsewhere: Vec::new(),
         absolute_lines,
         gears: Vec::new(),
         load: None,

@@ -21,10 +21,12 @@ use super::sensor;
 use super::severity;
 use super::verdict::ComponentDiagnosis;
 use super::verdict::OtherFault;
+use crate::features::Elsewhere;
 use crate::features::WindowFeatures;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
+use crate::features::speed::Speed;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
 use accept::Accepted;
@@ -43,9 +45,51 @@ const COMPETING_DEPTH: f64 = severity::WARNING_DEPTH / 2.0;
 #[must_use]
 pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
     let accepted = accept::accept(features);
-    (0..context.machine.bearings.len())
-        .map(|b| judge_one(BearingIndex(b), features, context, &accepted))
-        .collect()
+    let mut verdicts = judge_all(features, context, &accepted);
+    // A line that stands confirms the speed as well as slip lets it.
+    if accepted.is_empty() {
+        features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
+    }
+    verdicts
+}
+
+fn judge_all(
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    accepted: &[Accepted<'_>],
+) -> Vec<ComponentDiagnosis> {
+    let bearings = (0..context.machine.bearings.len()).map(BearingIndex);
+    bearings.map(|bearing| judge_one(bearing, features, context, accepted)).collect()
+}
+
+/// Leaves bearings open that another speed of a shaft would accuse: the one that is written down may be wrong (F22).
+fn reopen(
+    verdicts: &mut [ComponentDiagnosis],
+    other: &Elsewhere,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    if verdicts.iter().all(|verdict| verdict.state != State::Healthy) {
+        return;
+    }
+    let speed = Speed { first: Some(other.first), ..features.speed.clone() };
+    let bearing_lines = other.lines.clone();
+    let absolute_lines = Vec::new();
+    let there = WindowFeatures { speed, bearing_lines, absolute_lines, ..features.clone() };
+    let accused = judge_all(&there, context, &accept::accept(&there));
+    for (verdict, there) in verdicts.iter_mut().zip(accused) {
+        if verdict.state == State::Healthy && there.state.is_accusation() {
+            let stated = features.speed.first.map_or(0.0, |first| first.0);
+            let why = format!(
+                "at the stated speed of {stated:.2} Hz no defect line stands, but nothing confirms that speed, and near {:.2} Hz one \
+                 does: {}; measure the speed",
+                other.first.0, there.why
+            );
+            let evidence = [std::mem::take(&mut verdict.evidence), there.evidence].concat();
+            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
+            verdict.evidence = evidence;
+        }
+    }
 }
 
 /// Judges one bearing by the lines accepted for it.

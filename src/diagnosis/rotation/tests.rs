@@ -198,6 +198,7 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
             })
             .collect(),
         bearing_lines: Vec::new(),
+        elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         gears: Vec::new(),
         pieces: Vec::new(),

@@ -84,6 +84,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         channels: Vec::new(),
         shaft_lines: Vec::new(),
         bearing_lines: searches,
+        elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         gears: Vec::new(),
         pieces: Vec::new(),
