@@ -242,7 +242,9 @@ fn known_guards() -> BTreeSet<String> {
         for line in source.text.lines().map(str::trim) {
             if line == "#[test]" {
                 is_test = true;
-            } else if let Some(rest) = line.strip_prefix("fn ").filter(|_| is_test) {
+            } else if let Some(rest) =
+                line.trim_start_matches("async ").strip_prefix("fn ").filter(|_| is_test)
+            {
                 guards.insert(identifier(rest).to_owned());
                 is_test = false;
             }

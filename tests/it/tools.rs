@@ -89,6 +89,8 @@ fn schemathesis_finds_no_fault_of_the_daemon_and_no_answer_beside_the_document()
             // Streams that do not end, and a protocol that is not HTTP.
             .args(["--exclude-path", "/api/v1/events", "--exclude-path", "/api/v1/ingest"])
             .arg(document)
+            // It keeps what it found where it runs.
+            .current_dir(daemon.dir.path())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped()),
