@@ -25,6 +25,7 @@ use crate::wire::Hello;
 use crate::wire::Samples;
 use clap::Args;
 use std::io;
+use std::path::Path;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -109,7 +110,7 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
     let address = Address::parse(&arguments.to);
     let address = address.ok_or_else(|| Failure::Address { to: arguments.to.clone() })?;
     let trust = address.encrypts().then(|| tls(arguments.ca_file.as_deref())).transpose()?;
-    let token = arguments.token_file.as_ref().map(token).transpose()?.unwrap_or_default();
+    let token = arguments.token_file.as_deref().map(token).transpose()?.unwrap_or_default();
     let hints = arguments.hints.hints()?;
     let path = &arguments.capture;
     let failed = |source| ReplayError::Open { file: path.clone(), source: Box::new(source) };
@@ -169,8 +170,8 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
     ))
 }
 
-fn token(file: &PathBuf) -> Result<String, Failure> {
-    secret::read(file).map_err(|source| Failure::Token { file: file.clone(), source })
+fn token(file: &Path) -> Result<String, Failure> {
+    secret::read(file).map_err(|source| Failure::Token { file: file.to_owned(), source })
 }
 
 fn speed(text: &str) -> Result<Speed, String> {

@@ -86,7 +86,7 @@ impl Client {
         format!("{}{path}", self.base_url)
     }
 
-    fn metric(&self, sample: &str) -> f64 {
+    fn metric(&self, sample: &str) -> u64 {
         let (status, text) = self.get("/metrics");
         assert_eq!(status, 200);
         let text = text.as_str().unwrap().to_owned();
@@ -187,10 +187,10 @@ fn tokens_are_made_listed_and_revoked_while_the_daemon_runs() {
     fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
     daemon.signal("HUP");
     support::wait_until("the refusal", || {
-        (wall.metric("rotorwatch_config_failing") == 1.0).then_some(())
+        (wall.metric("rotorwatch_config_failing") == 1).then_some(())
     });
-    assert!(wall.metric("rotorwatch_access_denied_total{reason=\"missing\"}") >= 5.0);
-    assert!(wall.metric("rotorwatch_access_denied_total{reason=\"role\"}") >= 1.0);
+    assert!(wall.metric("rotorwatch_access_denied_total{reason=\"missing\"}") >= 5);
+    assert!(wall.metric("rotorwatch_access_denied_total{reason=\"role\"}") >= 1);
     let ((_, metrics), kept) = (wall.get("/metrics"), fs::read_to_string(&file).unwrap());
     let ended = daemon.terminate();
     let told = format!("{}{kept}{metrics}{audit}{listed}", ended.stderr);
@@ -213,7 +213,7 @@ fn failures_of_a_peer_are_told_to_wait_and_a_right_token_is_not() {
     assert_eq!(refused["type"], "urn:rotorwatch:problem:too-many-failures");
     let right = Client::new(&daemon, Some(&secret), None);
     assert_eq!(right.get("/api/v1/machines").0, 200);
-    assert!(right.metric("rotorwatch_access_denied_total{reason=\"too_many\"}") >= 1.0);
+    assert!(right.metric("rotorwatch_access_denied_total{reason=\"too_many\"}") >= 1);
 }
 
 #[test]
@@ -236,8 +236,8 @@ fn what_others_can_reach_needs_tokens_or_the_word_insecure() {
     let (_, system) = here.get("/api/v1/system");
     let warnings = system["security"]["warnings"].as_array().unwrap();
     assert_eq!(warnings.len(), 2, "{system}");
-    assert_eq!(here.metric("rotorwatch_insecure{what=\"no_tokens\"}"), 1.0);
-    assert_eq!(here.metric("rotorwatch_insecure{what=\"plain_text\"}"), 1.0);
+    assert_eq!(here.metric("rotorwatch_insecure{what=\"no_tokens\"}"), 1);
+    assert_eq!(here.metric("rotorwatch_insecure{what=\"plain_text\"}"), 1);
     let ended = daemon.terminate();
     assert!(ended.stderr.contains("INSECURE"), "{}", ended.stderr);
 }
@@ -287,7 +287,7 @@ fn a_certificate_is_exchanged_while_the_daemon_runs_and_a_bad_one_is_not() {
     fs::write(dir.join("cert.pem"), &first.0).unwrap();
     daemon.signal("HUP");
     support::wait_until("the refusal", || {
-        (after.metric("rotorwatch_config_failing") == 1.0).then_some(())
+        (after.metric("rotorwatch_config_failing") == 1).then_some(())
     });
     let (_, system) = of(&second).get("/api/v1/system");
     let why = system["configuration"]["rejected_because"][0].as_str().unwrap();
