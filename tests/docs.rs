@@ -240,7 +240,7 @@ fn known_guards() -> BTreeSet<String> {
     for source in sources("src").into_iter().chain(sources("tests")) {
         let mut is_test = false;
         for line in source.text.lines().map(str::trim) {
-            if line == "#[test]" {
+            if line == "#[test]" || line == "#[tokio::test]" {
                 is_test = true;
             } else if let Some(rest) =
                 line.trim_start_matches("async ").strip_prefix("fn ").filter(|_| is_test)

@@ -393,7 +393,7 @@ fn a_small_sender_speaks_json_over_a_websocket() {
     let Err(tungstenite::Error::Http(answer)) = tungstenite::connect(request) else {
         panic!("a page of elsewhere was let in");
     };
-    assert_eq!(answer.status().as_u16(), 421);
+    assert_eq!(answer.status().as_u16(), 403);
 }
 
 #[test]
