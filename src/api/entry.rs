@@ -1,8 +1,8 @@
 //! Who comes in, and what of the daemon is there for them.
 //!
-//! Every request but those of the page and of `/livez` passes [`enter`]. What a handler sees is the [`ApiState`] as its
+//! Every request but those of the page and of `/livez` passes `enter`. What a handler sees is the [`ApiState`] as its
 //! caller may see it: machines that a token is not of are not in it, so no handler can name them. Handlers cannot have the
-//! other one: the router's state is [`Shared`], which opens to this module alone.
+//! other one: the router's state is `Shared`, which opens to this module alone.
 
 use super::error::ApiError;
 use super::extract::State;
