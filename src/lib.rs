@@ -22,6 +22,7 @@ pub mod html;
 pub mod notify;
 pub mod wire;
 pub mod causes;
+pub mod access;
 pub mod capture;
 pub mod offline;
 pub mod ingest;

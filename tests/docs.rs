@@ -12,6 +12,7 @@ use rotorwatch::simulator::scene::Scene;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -107,6 +108,16 @@ fn examples_in_the_documents_are_valid() {
     for entry in fs::read_dir("config/machines").unwrap() {
         let from = entry.unwrap().path();
         fs::copy(&from, machines.join(from.file_name().unwrap())).unwrap();
+    }
+    let made = rcgen::generate_simple_self_signed(vec!["monitor.example.org".to_owned()]).unwrap();
+    for (name, text) in [
+        ("tokens.toml", String::new()),
+        ("monitor.pem", made.cert.pem()),
+        ("monitor.key", made.signing_key.serialize_pem()),
+    ] {
+        let file = folder.path().join(name);
+        fs::write(&file, text).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
     }
     let (mut n_machines, mut n_configs) = (0, 0);
     for (place, text) in documents("") {
@@ -229,9 +240,11 @@ fn known_guards() -> BTreeSet<String> {
     for source in sources("src").into_iter().chain(sources("tests")) {
         let mut is_test = false;
         for line in source.text.lines().map(str::trim) {
-            if line == "#[test]" {
+            if line == "#[test]" || line == "#[tokio::test]" {
                 is_test = true;
-            } else if let Some(rest) = line.strip_prefix("fn ").filter(|_| is_test) {
+            } else if let Some(rest) =
+                line.trim_start_matches("async ").strip_prefix("fn ").filter(|_| is_test)
+            {
                 guards.insert(identifier(rest).to_owned());
                 is_test = false;
             }

@@ -2,14 +2,13 @@
 
 use super::alarms::find;
 use super::error::ApiError;
-use super::extract::{Body, Path};
+use super::extract::{Body, Path, State};
 use super::state::{ApiState, newest};
 use super::view::ShardRequest;
 use super::wire::alarms::{ActBody, AlarmWire, ShelveBody};
 use super::wire::problem::ProblemWire;
 use crate::alarms::{Act, Action};
 use axum::Json;
-use axum::extract::State;
 
 /// Has the shard do it; answers when it is stored.
 async fn act(
@@ -20,6 +19,7 @@ async fn act(
 ) -> Result<Json<AlarmWire>, ApiError> {
     let (machine, alarm, handle) = find(state, id)?;
     let ActBody { author, comment } = body;
+    let author = state.author(author);
     let act = Act { alarm, action, author, comment };
     let alarm = state.ask(handle, |reply| ShardRequest::Act { act, reply }).await??;
     Ok(Json(AlarmWire::new(machine, &alarm, newest(handle).start_time)))

@@ -5,7 +5,7 @@
 
 use super::captures;
 use super::error::ApiError;
-use super::extract::{Path, Query, cut_page, in_range};
+use super::extract::{Path, Query, State, cut_page, in_range};
 use super::state::{ApiState, newest};
 use super::view::{AlarmHistory, MachineHandle, ShardRequest};
 use super::wire::alarms::{
@@ -19,7 +19,6 @@ use crate::alarms::load;
 use crate::signal::Timestamp;
 use crate::store::EventQuery;
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use utoipa::IntoParams;
 

@@ -3,14 +3,13 @@
 use super::alarms::since;
 use super::error::ApiError;
 use super::events::read;
-use super::extract::{Query, cut_page, in_range};
+use super::extract::{Query, State, cut_page, in_range};
 use super::state::ApiState;
 use super::view::EventsHandle;
 use super::wire::audit::{AuditItemWire, AuditListWire, ConfigurationListWire, ConfigurationWire};
 use super::wire::problem::ProblemWire;
 use crate::store::audit::AuditQuery;
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::IntoParams;
@@ -66,9 +65,15 @@ pub(super) async fn list(
     Query(query): Query<ListQuery>,
 ) -> Result<Json<AuditListWire>, ApiError> {
     let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    // A machine that is no longer configured is asked for by its name, too.
+    let machines = match query.machine {
+        Some(machine) if !state.sees(&machine) => Some(Vec::new()),
+        Some(machine) => Some(vec![machine]),
+        None => state.visible(),
+    };
     let wanted = AuditQuery {
         before: cursor(query.after.as_deref())?,
-        machine: query.machine,
+        machines,
         author: query.author,
         since: query.since.as_deref().map(since).transpose()?,
         limit: limit + 1,

@@ -4,7 +4,7 @@
 //! busy, it takes it within a second or two, as what the command line writes.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query};
+use super::extract::{Body, Path, Query, State};
 use super::state::{ApiState, newest};
 use super::view::{BaselineHandle, MachineHandle, Measured, ShardRequest, Span};
 use super::wire::alarms::ActBody;
@@ -20,7 +20,6 @@ use crate::signal::Timestamp;
 use crate::store;
 use crate::store::{Act, BaselineStore, Held, KeepError, active_records};
 use axum::Json;
-use axum::extract::State;
 use axum::http::StatusCode;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -99,8 +98,9 @@ pub(super) async fn show(
 pub(super) async fn learn(
     State(state): State<ApiState>,
     Path(id): Path<String>,
-    Body(body): Body<LearnBody>,
+    Body(mut body): Body<LearnBody>,
 ) -> Result<(StatusCode, Json<LearnedWire>), ApiError> {
+    body.author = state.author(body.author);
     let handle = state.machine(&id)?;
     signed::check_by(&body.author, &body.comment)?;
     let measured = match source(&body, newest(handle).start_time)? {
@@ -147,8 +147,9 @@ pub(super) async fn learn(
 pub(super) async fn activate(
     State(state): State<ApiState>,
     Path((id, bid)): Path<(String, String)>,
-    Body(by): Body<ActBody>,
+    Body(mut by): Body<ActBody>,
 ) -> Result<Json<BaselineItemWire>, ApiError> {
+    by.author = state.author(by.author);
     let handle = state.machine(&id)?;
     signed::check_by(&by.author, &by.comment)?;
     let at = (desk(&state)?.wall_clock)();
@@ -167,7 +168,8 @@ pub(super) async fn activate(
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct ByQuery {
-    /// Who.
+    /// Who; with a token its label is.
+    #[serde(default)]
     author: String,
     /// Why.
     #[serde(default)]
@@ -194,8 +196,9 @@ pub(super) struct ByQuery {
 pub(super) async fn remove(
     State(state): State<ApiState>,
     Path((id, bid)): Path<(String, String)>,
-    Query(by): Query<ByQuery>,
+    Query(mut by): Query<ByQuery>,
 ) -> Result<StatusCode, ApiError> {
+    by.author = state.author(by.author);
     let handle = state.machine(&id)?;
     signed::check_by(&by.author, &by.comment)?;
     let at = (desk(&state)?.wall_clock)();

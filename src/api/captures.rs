@@ -1,7 +1,7 @@
 //! Captures: list, download, ask for one; and which capture an alarm has.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query, cut_page, in_range};
+use super::extract::{Body, Path, Query, State, cut_page, in_range};
 use super::files;
 use super::state::ApiState;
 use super::view::{CaptureHandle, ShardRequest};
@@ -15,7 +15,7 @@ use crate::diagnosis::baseline::signed;
 use crate::store::StoreError;
 use crate::store::captures::{CaptureIndex, CaptureQuery, CaptureState};
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
@@ -81,7 +81,8 @@ pub(super) async fn list(
         state.machine(machine)?;
     }
     let after = query.after;
-    let wanted = CaptureQuery { machine, alarm, after, limit: limit + 1 };
+    let machines = machine.map(|machine| vec![machine]).or_else(|| state.visible());
+    let wanted = CaptureQuery { machines, alarm, after, limit: limit + 1 };
     let mut found = on_index(&state, move |index| index.list(&wanted)).await?;
     let next = cut_page(&mut found, limit, |item| item.id.clone());
     Ok(Json(CaptureListWire { items: found.iter().map(CaptureWire::new).collect(), next }))
@@ -111,7 +112,7 @@ pub(super) async fn download(
     let found = on_index(&state, move |index| index.find(&id)).await?;
     let unknown =
         || ApiError::NotFound(format!("no capture {shown:?}; GET /api/v1/captures lists them"));
-    let entry = found.ok_or_else(unknown)?;
+    let entry = found.filter(|entry| state.sees(&entry.machine)).ok_or_else(unknown)?;
     let gone = || {
         let note = entry.note.clone().unwrap_or_else(|| "its file is not there".to_owned());
         ApiError::NotFound(format!("capture {} is {}: {note}", entry.id, entry.state.name()))
@@ -151,8 +152,9 @@ pub(super) async fn download(
 pub(super) async fn request(
     State(state): State<ApiState>,
     Path(id): Path<String>,
-    Body(body): Body<CaptureBody>,
+    Body(mut body): Body<CaptureBody>,
 ) -> Result<(StatusCode, Json<CaptureBegunWire>), ApiError> {
+    body.author = state.author(body.author);
     let handle = state.machine(&id)?;
     signed::check_by(&body.author, &body.comment)?;
     let before_s = body.before_s.map(|s| in_range("before_s", Some(s), s, 0.0, MAX_BEFORE_S));

@@ -1,7 +1,7 @@
 //! Scalogram on demand, with the newest CWT features beside it.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, in_range};
+use super::extract::{Path, Query, State, in_range};
 use super::signals::{Run, fetch, samples_in};
 use super::spectra::MIN_WINDOW_SAMPLES;
 use super::state::{ApiState, channel, newest};
@@ -13,7 +13,6 @@ use crate::dsp::cwt::{DEFAULT_OMEGA0, Part, ScalogramPlan};
 use crate::dsp::fft::{FftCache, ForwardPlan};
 use crate::signal::{ChannelIndex, ChannelInfo};
 use axum::Json;
-use axum::extract::State;
 use rustfft::num_complex::Complex;
 use serde::Deserialize;
 use utoipa::IntoParams;

@@ -4,15 +4,16 @@
 //! and for every other answer from status 400, so that no error leaves in another shape.
 
 use super::view::ActFailure;
+use crate::access::Denied;
 use crate::alarms::ActionError;
 use crate::diagnosis::baseline::signed::SignError;
 use crate::store::StoreError;
 use axum::extract::rejection::{JsonRejection, PathRejection, QueryRejection};
-use axum::http::StatusCode;
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 /// Why a request was refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ApiError {
     /// A value in path, query or body is not allowed.
     #[error("{0}")]
@@ -46,6 +47,15 @@ pub enum ApiError {
         /// What is allowed.
         allowed: String,
     },
+    /// A page of another server wants something done.
+    #[error("{0}")]
+    ForeignOrigin(String),
+    /// Nobody comes in without a token.
+    #[error("{0}")]
+    Unauthorised(Denied),
+    /// The token's role does not allow it; says which does.
+    #[error("{0}")]
+    Forbidden(String),
     /// The daemon does not do its work; the reasons.
     #[error("the daemon is not ready")]
     NotReady(Vec<String>),
@@ -94,6 +104,9 @@ impl ApiError {
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
+            Self::Unauthorised(Denied::TooMany { .. }) => StatusCode::TOO_MANY_REQUESTS,
+            Self::Unauthorised(_) => StatusCode::UNAUTHORIZED,
+            Self::ForeignOrigin(_) | Self::Forbidden(_) => StatusCode::FORBIDDEN,
             Self::NotReady(_)
             | Self::NotStored(_)
             | Self::StoreRefused(_)
@@ -116,6 +129,12 @@ impl ApiError {
             Self::TooLarge { .. } => ("body-too-large", "Body too large"),
             Self::UnsupportedMediaType => ("unsupported-media-type", "Body is not JSON"),
             Self::ForeignHost { .. } => ("foreign-host", "Host not served here"),
+            Self::ForeignOrigin(_) => ("foreign-origin", "Page of another server"),
+            Self::Unauthorised(Denied::TooMany { .. }) => {
+                ("too-many-failures", "Too many failures")
+            }
+            Self::Unauthorised(_) => ("unauthorised", "A token is needed"),
+            Self::Forbidden(_) => ("forbidden", "Not with this token"),
             Self::NotReady(_) => ("not-ready", "Not ready"),
             Self::NotStored(_) => ("not-stored", "In effect but not stored"),
             Self::StoreRefused(_) => ("store-refused", "Not stored, nothing has changed"),
@@ -124,6 +143,36 @@ impl ApiError {
             Self::Internal => ("internal", "Fault inside the daemon"),
             Self::Other(_) => ("refused", "Request refused"),
         }
+    }
+
+    /// What says to a client how to come in (RFC 6750), or when.
+    fn challenge(&self) -> Option<(header::HeaderName, HeaderValue)> {
+        let value = match self {
+            Self::Unauthorised(Denied::TooMany { after_s }) => {
+                let after = HeaderValue::from_str(&format!("{:.0}", after_s.ceil())).ok()?;
+                return Some((header::RETRY_AFTER, after));
+            }
+            Self::Unauthorised(Denied::Missing) => "Bearer realm=\"rotorwatch\"",
+            Self::Unauthorised(_) => "Bearer realm=\"rotorwatch\", error=\"invalid_token\"",
+            Self::Forbidden(_) => "Bearer realm=\"rotorwatch\", error=\"insufficient_scope\"",
+            Self::Invalid(_)
+            | Self::NotFound(_)
+            | Self::MethodNotAllowed
+            | Self::NotAcceptable(_)
+            | Self::Conflict(_)
+            | Self::TooLarge { .. }
+            | Self::UnsupportedMediaType
+            | Self::ForeignHost { .. }
+            | Self::ForeignOrigin(_)
+            | Self::NotReady(_)
+            | Self::NotStored(_)
+            | Self::StoreRefused(_)
+            | Self::Busy(_)
+            | Self::Timeout
+            | Self::Internal
+            | Self::Other(_) => return None,
+        };
+        Some((header::WWW_AUTHENTICATE, HeaderValue::from_static(value)))
     }
 
     /// Single faults, where there are several.
@@ -136,8 +185,17 @@ impl ApiError {
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         let mut response = self.status().into_response();
+        if let Some((name, value)) = self.challenge() {
+            response.headers_mut().insert(name, value);
+        }
         response.extensions_mut().insert(self);
         response
+    }
+}
+
+impl From<Denied> for ApiError {
+    fn from(denied: Denied) -> Self {
+        Self::Unauthorised(denied)
     }
 }
 

@@ -4,14 +4,13 @@
 //! that takes nothing any more is cut off by the server beneath.
 
 use super::error::ApiError;
-use super::extract::Query;
+use super::extract::{Query, State};
 use super::state::ApiState;
 use super::view::EventsHandle;
 use super::wire::events::{HappenedWire, PlaceWire};
 use super::wire::problem::ProblemWire;
 use crate::store::StoreError;
 use crate::store::events::{EventLog, Extent, LogEntry};
-use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, Sse};
 use futures_util::stream::{self, Stream};
@@ -84,6 +83,7 @@ pub(super) async fn follow(
         place,
         pending,
         machine: query.machine,
+        seen: state.clone(),
         stored: events.stored.clone(),
         log: Arc::clone(&events.log),
         heartbeat: state.settings.heartbeat,
@@ -160,6 +160,8 @@ struct Follower {
     place: u64,
     pending: VecDeque<Event>,
     machine: Option<String>,
+    /// What is there for the reader.
+    seen: ApiState,
     stored: watch::Receiver<u64>,
     log: Arc<dyn EventLog>,
     heartbeat: Duration,
@@ -171,6 +173,10 @@ impl Follower {
         loop {
             if let Some(event) = self.pending.pop_front() {
                 return Some((Ok(event), self));
+            }
+            // Whose token was revoked, or is over, is told nothing any more.
+            if !self.seen.door.holds(self.seen.caller.as_ref()) {
+                return None;
             }
             self.stored.mark_unchanged();
             let place = self.place;
@@ -195,7 +201,9 @@ impl Follower {
     }
 
     fn event(&self, entry: &LogEntry) -> Option<Event> {
-        if self.machine.as_ref().is_some_and(|machine| *machine != entry.machine) {
+        // What concerns the daemon as a whole may name any machine, and is of no machine: a token of some does not see it.
+        let is_other = self.machine.as_ref().is_some_and(|machine| *machine != entry.machine);
+        if is_other || !self.seen.sees(&entry.machine) {
             return None;
         }
         let wire = HappenedWire::new(entry);

@@ -3,6 +3,10 @@
 use super::error::ApiError;
 use axum::extract::{FromRequest, FromRequestParts};
 
+/// The daemon as the caller may see it ([`super::entry`]).
+#[derive(Debug)]
+pub(super) struct State<T>(pub(super) T);
+
 /// Query string.
 #[derive(Debug, FromRequestParts)]
 #[from_request(via(axum::extract::Query), rejection(ApiError))]

@@ -3,15 +3,16 @@
 //! Binary messages are the frames of `docs/wire.md` as they are. A sender whose first message is a text speaks JSON, one
 //! whose first is a map in CBOR that; what it says becomes frames, and frames become what it is told. Must not know what becomes of them.
 
+use super::entry::peer;
 use super::error::ApiError;
-use super::guard::is_this_server;
+use super::extract::State;
+use super::guard::is_own_page;
 use super::state::ApiState;
 use super::view::IngestPipe;
 use super::wire::ingest::{Language, Translator};
 use super::wire::problem::ProblemWire;
-use axum::extract::State;
+use axum::extract::Request;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
-use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use std::sync::mpsc::TrySendError;
 use std::time::Duration;
@@ -33,42 +34,32 @@ const RETRY: Duration = Duration::from_millis(2);
          description = "No WebSocket"),
         (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json",
          description = "No machine has live senders"),
-        (status = MISDIRECTED_REQUEST, body = ProblemWire, content_type = "application/problem+json",
-         description = "A page of another server asks"),
         (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json",
          description = "Too many senders"),
     )
 )]
 pub(super) async fn connect(
     State(state): State<ApiState>,
-    headers: HeaderMap,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+    request: Request,
 ) -> Result<Response, ApiError> {
     let open = state.ingest.clone().ok_or_else(|| {
         ApiError::NotFound(
             "no machine has a source that takes samples; see docs/wire.md".to_owned(),
         )
     })?;
-    own_page(&headers, &state)?;
+    // Browsers let any page open a WebSocket, and say which page it is.
+    if !is_own_page(request.headers(), &state.settings) {
+        let why = "a page of another server must not send samples; server.cors_origins names those that may";
+        return Err(ApiError::ForeignOrigin(why.to_owned()));
+    }
     let upgrade = upgrade
         .map_err(|_| ApiError::Invalid("this path takes WebSocket connections only".to_owned()))?;
-    let pipe = open("a WebSocket".to_owned())
+    let from = peer(&request).map(|peer| format!("a WebSocket of {peer}"));
+    let pipe = open(from.unwrap_or_else(|| "a WebSocket".to_owned()), state.caller.clone())
         .map_err(|_| ApiError::Busy("as many senders as are allowed are connected"))?;
     let upgrade = upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES);
     Ok(upgrade.on_upgrade(|socket| converse(socket, pipe)))
-}
-
-/// Refuses pages of other servers: browsers let any page open a WebSocket, and say which page it is.
-fn own_page(headers: &HeaderMap, state: &ApiState) -> Result<(), ApiError> {
-    let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
-    let origin = String::from_utf8_lossy(origin.as_bytes()).into_owned();
-    let host = origin.strip_prefix("http://").unwrap_or_default();
-    let bound = state.settings.bound;
-    if is_this_server(host, bound) {
-        return Ok(());
-    }
-    let allowed = format!("pages of http://{bound}");
-    Err(ApiError::ForeignHost { host: origin.chars().take(100).collect(), allowed })
 }
 
 /// Moves messages until one side ends.

@@ -1,13 +1,12 @@
 //! Machines: list, description, health, diagnosis.
 
 use super::error::ApiError;
-use super::extract::Path;
+use super::extract::{Path, State};
 use super::state::{ApiState, newest};
 use super::wire::diagnosis::DiagnosisDocument;
 use super::wire::machines::{HealthWire, MachineItemWire, MachineListWire, MachineWire};
 use super::wire::problem::ProblemWire;
 use axum::Json;
-use axum::extract::State;
 
 /// Lists the machines.
 #[utoipa::path(

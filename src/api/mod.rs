@@ -10,7 +10,11 @@ pub mod error;
 pub mod state;
 mod extract;
 mod files;
+pub mod entry;
+mod conditional;
 mod guard;
+mod described;
+mod exposition;
 mod machines;
 mod recordings;
 mod signals;
@@ -36,6 +40,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, from_fn_with_state};
+use entry::Shared;
 use error::ApiError;
 use state::ApiState;
 use tower::ServiceBuilder;
@@ -75,7 +80,7 @@ pub(crate) const MAX_BODY_BYTES: usize = 64 * 1024;
 struct Document;
 
 /// Every route with its description, but `/livez`.
-fn routes() -> OpenApiRouter<ApiState> {
+fn routes() -> OpenApiRouter<Shared> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(service::readyz))
         .routes(routes!(service::metrics))
@@ -121,14 +126,16 @@ fn routes() -> OpenApiRouter<ApiState> {
 }
 
 /// `/livez` answers whatever the load.
-fn live_routes() -> OpenApiRouter<ApiState> {
+fn live_routes() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(service::livez))
 }
 
 /// Gives the OpenAPI 3.1 document.
 #[must_use]
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    routes().merge(live_routes()).into_openapi()
+    let mut document = routes().merge(live_routes()).into_openapi();
+    described::secure(&mut document);
+    document
 }
 
 /// Gives the OpenAPI document as indented JSON.
@@ -140,11 +147,16 @@ pub fn openapi_text() -> String {
 
 /// Gives the whole service: the API, and `pages` (the dashboard) under the same guards.
 pub fn router(state: ApiState, pages: Router) -> Router {
+    let shared = Shared::new(state.clone());
+    // Paths that are not there are behind the door, too.
     let limited = Router::from(routes())
-        .with_state(state.clone())
+        .with_state(shared.clone())
+        .fallback(async || ApiError::of_status(StatusCode::NOT_FOUND))
+        .layer(from_fn(conditional::conditional))
+        .layer(from_fn_with_state(state.clone(), entry::enter))
         .merge(pages)
         .layer(from_fn_with_state(state.clone(), guard::concurrency));
-    let live = Router::from(live_routes()).with_state(state.clone());
+    let live = Router::from(live_routes()).with_state(shared);
     let timeout = TimeoutLayer::with_status_code(
         StatusCode::SERVICE_UNAVAILABLE,
         state.settings.request_timeout,
@@ -155,10 +167,12 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .layer(CompressionLayer::new().compress_when(
             DefaultPredicate::new().and(NotForContentType::const_new(files::CONTENT_TYPE)),
         ))
+        .option_layer(guard::cors(&state.settings))
         .layer(from_fn(guard::problems))
+        .layer(from_fn_with_state(state.clone(), guard::origin))
         .layer(from_fn_with_state(state, guard::host))
         .layer(timeout)
         .layer(CatchPanicLayer::custom(guard::panicked))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    limited.merge(live).fallback(async || ApiError::of_status(StatusCode::NOT_FOUND)).layer(guards)
+    limited.merge(live).layer(guards)
 }

@@ -1,14 +1,14 @@
 //! Recordings: what was received and kept without a cause, file by file, for download and to learn baselines from.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, cut_page, in_range};
+use super::extract::{Path, Query, State, cut_page, in_range};
 use super::files;
 use super::state::ApiState;
 use super::wire::problem::ProblemWire;
 use super::wire::recordings::{RecordedFileWire, RecordedListWire};
 use crate::capture::recording::store::{self, Recorded};
 use axum::Json;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::response::Response;
 use serde::Deserialize;
 use std::path::PathBuf;

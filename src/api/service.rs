@@ -1,6 +1,8 @@
 //! The daemon itself: liveness, readiness, metrics, system, the API document.
 
 use super::error::ApiError;
+use super::exposition;
+use super::extract::State;
 use super::state::{ApiState, newest};
 use super::view::{ConfigurationView, ReceiverStatus, RecordingView, SourceState};
 use super::wire::finite;
@@ -9,11 +11,10 @@ use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
 use super::wire::system::{
     ConfigurationStateWire, EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire,
-    StoreWire, StreamWire, SystemWire, TrendStoreWire,
+    SecurityWire, StoreWire, StreamWire, SystemWire, TrendStoreWire,
 };
 use axum::Json;
-use axum::extract::State;
-use axum::http::header;
+use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::OnceLock;
 
@@ -53,14 +54,23 @@ pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Json<ReadyWi
     }
 }
 
-/// Gives the metrics as OpenMetrics text.
+/// Gives the metrics as OpenMetrics text; in the older format of Prometheus to who accepts text/plain alone.
 #[utoipa::path(
     get,
     path = "/metrics",
     tag = "service",
-    responses((status = OK, body = String, content_type = "application/openmetrics-text"))
+    responses((status = OK, description = "Metrics", content(
+        (String = "application/openmetrics-text"),
+        (String = "text/plain"),
+    )))
 )]
-pub(super) async fn metrics(State(state): State<ApiState>) -> Response {
+pub(super) async fn metrics(State(state): State<ApiState>, headers: HeaderMap) -> Response {
+    let accepts =
+        headers.get(header::ACCEPT).and_then(|accepts| accepts.to_str().ok()).unwrap_or_default();
+    if accepts.contains("text/plain") && !accepts.contains("openmetrics") {
+        let text = exposition::classic(&(state.metrics)());
+        return ([(header::CONTENT_TYPE, exposition::CONTENT_TYPE)], text).into_response();
+    }
     let content_type = "application/openmetrics-text; version=1.0.0; charset=utf-8";
     ([(header::CONTENT_TYPE, content_type)], (state.metrics)()).into_response()
 }
@@ -95,7 +105,17 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             recording: handle.recording.as_ref().map(|view| recording(&view.borrow())),
         }
     });
-    let configuration = state.configuration.as_ref().map(|view| view.borrow().clone());
+    let mut configuration = state.configuration.as_ref().map(|view| view.borrow().clone());
+    // What waits or was refused may name any machine, and so may receivers.
+    if state.is_restricted() {
+        configuration = configuration.map(|view| ConfigurationView {
+            restart: Vec::new(),
+            rejected: view.rejected.map(|(at, _)| (at, Vec::new())),
+            ..view
+        });
+    }
+    let receivers = state.events.iter().filter(|_| !state.is_restricted());
+    let caller = state.caller.as_ref();
     Json(SystemWire {
         name: env!("CARGO_PKG_NAME").to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -108,9 +128,14 @@ pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
             waiting: store.status.n_waiting(),
             lost: store.status.n_lost(),
         }),
-        receivers: state
-            .events
-            .iter()
+        security: SecurityWire {
+            tokens: !state.door.is_open(),
+            encrypted: state.settings.is_encrypted,
+            warnings: state.settings.warnings.clone(),
+            you: caller.map(|token| token.label().to_owned()),
+            role: caller.map(|token| token.role().name().to_owned()),
+        },
+        receivers: receivers
             .flat_map(|events| events.receivers.borrow().iter().map(receiver).collect::<Vec<_>>())
             .collect(),
         event_streams: state.events.as_ref().map(|events| EventStreamsWire {

@@ -1,7 +1,7 @@
 //! Channels and raw samples.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, in_range};
+use super::extract::{Path, Query, State, in_range};
 use super::state::{ApiState, channel, newest};
 use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, SourceState, Waveform};
 use super::wire::problem::ProblemWire;
@@ -11,7 +11,6 @@ use crate::plot::decimate;
 use crate::signal::ChannelInfo;
 use axum::Json;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;

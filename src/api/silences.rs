@@ -1,14 +1,13 @@
 //! Silence said in advance: of what a component, limit or channel may raise later.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query};
+use super::extract::{Body, Path, Query, State};
 use super::state::{ApiState, newest};
 use super::view::{AdvanceFailure, ShardRequest};
 use super::wire::problem::ProblemWire;
 use super::wire::silences::{AdvanceListWire, AdvanceWire, AnnounceBody};
 use crate::alarms::AdvanceError;
 use axum::Json;
-use axum::extract::State;
 use axum::http::StatusCode;
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -18,8 +17,9 @@ use utoipa::IntoParams;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct ByQuery {
-    /// Who.
-    #[param(min_length = 1, max_length = 2000)]
+    /// Who; with a token its label is.
+    #[serde(default)]
+    #[param(max_length = 2000)]
     author: String,
     /// Why.
     #[serde(default)]
@@ -68,8 +68,9 @@ pub(super) async fn list(
 pub(super) async fn announce(
     State(state): State<ApiState>,
     Path(id): Path<String>,
-    Body(body): Body<AnnounceBody>,
+    Body(mut body): Body<AnnounceBody>,
 ) -> Result<(StatusCode, Json<AdvanceWire>), ApiError> {
+    body.author = state.author(body.author);
     let handle = state.machine(&id)?;
     let wanted = body.read().map_err(|why| ApiError::Invalid(why.to_owned()))?;
     let said = state.ask(handle, |reply| ShardRequest::Announce { wanted, reply }).await??;
@@ -101,7 +102,7 @@ pub(super) async fn revoke(
 ) -> Result<StatusCode, ApiError> {
     let handle = state.machine(&id)?;
     let ByQuery { author, comment } = by;
-    let by = (author, comment);
+    let by = (state.author(author), comment);
     state.ask(handle, |reply| ShardRequest::Revoke { number, by, reply }).await??;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -1,14 +1,13 @@
 //! Simulated sources: what they simulate, and another scenario for one of them.
 
 use super::error::ApiError;
-use super::extract::Body;
+use super::extract::{Body, State};
 use super::state::{ApiState, newest};
 use super::view::{MachineHandle, NotTaken, ScenarioRequest, SimulationHandle};
 use super::wire::problem::ProblemWire;
 use super::wire::simulation::{ScenarioBody, SimulationListWire, SimulationWire};
 use crate::simulator::scenario::ScenarioError;
 use axum::Json;
-use axum::extract::State;
 use std::sync::Arc;
 use tokio::sync::oneshot;
 

@@ -1,7 +1,7 @@
 //! Spectra on demand: from a copied slice, beside the event loop.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, in_range};
+use super::extract::{Path, Query, State, in_range};
 use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
 use super::state::{ApiState, channel, newest};
 use super::wire::problem::ProblemWire;
@@ -18,7 +18,6 @@ use crate::machine::sensor::Sensor;
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
 use axum::Json;
-use axum::extract::State;
 use rustfft::num_complex::Complex;
 use serde::Deserialize;
 use utoipa::IntoParams;

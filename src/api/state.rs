@@ -5,6 +5,7 @@ use super::view::{
     BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, IngestOpen, MachineHandle,
     MachineView, ShardRequest, StoreHandle, TrendHandle,
 };
+use crate::access::{Door, Token};
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
 use std::collections::BTreeMap;
@@ -19,6 +20,14 @@ use tokio::sync::{Semaphore, oneshot, watch};
 pub struct Settings {
     /// Address the listener is bound to, with its real port.
     pub bound: SocketAddr,
+    /// Names by which it is asked besides those of this computer, with a port where only that one is meant.
+    pub hosts: Vec<String>,
+    /// Origins whose pages may ask, too.
+    pub cors_origins: Vec<String>,
+    /// Whether connections are encrypted.
+    pub is_encrypted: bool,
+    /// What is open that should not be, for people.
+    pub warnings: Vec<String>,
     /// Spectra and scalograms computed at a time; more are refused.
     pub max_computations: usize,
     /// Requests answered at a time; more are refused.
@@ -41,6 +50,10 @@ impl Settings {
     pub fn new(bound: SocketAddr) -> Self {
         Self {
             bound,
+            hosts: Vec::new(),
+            cors_origins: Vec::new(),
+            is_encrypted: false,
+            warnings: Vec::new(),
             max_computations: 2,
             max_requests: 128,
             max_streams: 32,
@@ -64,6 +77,10 @@ pub type ReadinessCheck = Arc<dyn Fn() -> Vec<String> + Send + Sync>;
 pub struct ApiState {
     /// Machines by id.
     pub(super) machines: Arc<BTreeMap<String, MachineHandle>>,
+    /// Who comes in.
+    pub(super) door: Arc<Door>,
+    /// Whose token it was; `None`: nobody needs one.
+    pub(super) caller: Option<Arc<Token>>,
     pub(super) settings: Arc<Settings>,
     pub(super) metrics: MetricsText,
     pub(super) readiness: ReadinessCheck,
@@ -115,6 +132,8 @@ impl ApiState {
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
             streams: Arc::new(Semaphore::new(settings.max_streams)),
+            door: Arc::new(Door::open()),
+            caller: None,
             settings: Arc::new(settings),
             metrics,
             readiness,
@@ -127,6 +146,42 @@ impl ApiState {
             configuration: None,
             ingest: None,
         }
+    }
+
+    /// Lets in who may.
+    #[must_use]
+    pub fn with_door(self, door: Arc<Door>) -> Self {
+        Self { door, ..self }
+    }
+
+    /// As somebody sees it: machines that a token is not of are not there.
+    pub(super) fn seen_by(&self, caller: Option<Arc<Token>>) -> Self {
+        let mut seen = self.clone();
+        if let Some(token) = caller.as_ref().filter(|token| token.is_restricted()) {
+            let all = self.machines.iter().filter(|(id, _)| token.sees(id));
+            seen.machines = Arc::new(all.map(|(id, one)| (id.clone(), one.clone())).collect());
+        }
+        Self { caller, ..seen }
+    }
+
+    /// The machines that are there for the caller; `None`: all that were ever.
+    pub(super) fn visible(&self) -> Option<Vec<String>> {
+        self.caller.as_ref().filter(|token| token.is_restricted()).map(|t| t.machines().to_vec())
+    }
+
+    /// Whether a machine, of now or before, is there for the caller.
+    pub(super) fn sees(&self, machine: &str) -> bool {
+        self.caller.as_ref().is_none_or(|token| token.sees(machine))
+    }
+
+    /// Whether the caller is of some machines only.
+    pub(super) fn is_restricted(&self) -> bool {
+        self.caller.as_ref().is_some_and(|token| token.is_restricted())
+    }
+
+    /// Who acts: the label of the caller's token, else the name that is given.
+    pub(super) fn author(&self, given: String) -> String {
+        self.caller.as_ref().map_or(given, |token| token.label().to_owned())
     }
 
     /// Reads older trends.

@@ -263,6 +263,11 @@ impl Service {
         Self::of_state(state, view)
     }
 
+    /// The same service behind a door.
+    pub(crate) fn with_door(self, door: Arc<crate::access::Door>) -> Self {
+        Self::of_state(self.state.with_door(door), self.view)
+    }
+
     /// The same service with a store.
     pub(crate) fn with_store(self, store: StoreHandle) -> Self {
         Self::of_state(self.state.with_store(store), self.view)

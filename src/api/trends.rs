@@ -1,7 +1,7 @@
 //! Trends: of channels from memory or from the store, of components from the store.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, in_range};
+use super::extract::{Path, Query, State, in_range};
 use super::signals::MAX_POINTS;
 use super::state::{ApiState, channel, newest};
 use super::view::{MachineView, ShardRequest, Trend, TrendHandle};
@@ -13,7 +13,6 @@ use crate::signal::Timestamp;
 use crate::store::StoreError;
 use crate::store::trends::{Subject, Table, Tier, TrendQuery as StoredQuery, tier_for};
 use axum::Json;
-use axum::extract::State;
 use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::IntoParams;

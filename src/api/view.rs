@@ -3,6 +3,7 @@
 //! A shard publishes an immutable [`MachineView`] at each hop; anything larger is asked for by a
 //! [`ShardRequest`] with a one-shot reply, served between blocks.
 
+use crate::access::Token;
 use crate::alarms::Act;
 use crate::alarms::ActionError;
 use crate::alarms::Advance;
@@ -357,8 +358,9 @@ pub struct IngestPipe {
     pub from_daemon: tokio::sync::mpsc::Receiver<Vec<u8>>,
 }
 
-/// Lets a sender on a WebSocket in, by the name of where it is; or says why not.
-pub type IngestOpen = Arc<dyn Fn(String) -> Result<IngestPipe, Refusal> + Send + Sync>;
+/// Lets a sender on a WebSocket in, by the name of where it is and its token, if one is needed; or says why not.
+pub type IngestOpen =
+    Arc<dyn Fn(String, Option<Arc<Token>>) -> Result<IngestPipe, Refusal> + Send + Sync>;
 
 /// What survives a restart, as the API sees it.
 #[derive(Clone)]

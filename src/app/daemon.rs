@@ -1,5 +1,7 @@
 //! The running daemon: starts the threads in order and ends them in bounded time.
 
+use super::access;
+use super::access::Guard;
 use super::baselines::Watch;
 use super::build;
 use super::build::Plan;
@@ -20,6 +22,8 @@ use super::simulated;
 use super::source;
 use super::start_error::StartError;
 use super::stop::Stop;
+use super::supervisor;
+use super::supervisor::Moves;
 use crate::api::state;
 use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
@@ -100,18 +104,24 @@ impl Daemon {
         let runtime = runtime().map_err(|source| system("threads for http", source))?;
         let (address, listener) = bind(config.bind, &runtime)?;
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
+        let listens = plan.ports.iter().any(|port| port.live().listens);
+        let senders = listens.then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let ingest = senders.as_ref().map(|(address, _)| *address);
+        let Guard { door, tls, warnings } =
+            access::guard(config, (address, ingest), &plan.metrics.access())?;
         let hub = (!plan.ports.is_empty()).then(|| {
             let (ports, metrics) = (plan.ports.clone(), plan.metrics.ingest());
-            Arc::new(Hub::new(&config.ingest, ports, metrics, Arc::clone(&stop)))
+            let of_ingest = config.access.tls.as_ref().is_some_and(|tls| tls.of_ingest);
+            let guard = (Arc::clone(&door), tls.clone().filter(|_| of_ingest));
+            Arc::new(Hub::new(&config.ingest, guard, ports, metrics, Arc::clone(&stop)))
         });
-        let open = hub.clone().filter(|hub| hub.listens());
-        let senders = open.is_some().then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let open = hub.clone().filter(|_| listens);
         let brokers = hub.as_ref().map(Hub::listeners).transpose()?.unwrap_or_default();
         let signals =
             Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
 
-        let ingest = senders.as_ref().map(|(address, _)| *address);
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
+        runtime.spawn(supervisor::feed(moves(&plan), server_stop.clone()));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, mut notifier) = (plan.events, plan.notify);
         let links = plan.links;
@@ -163,7 +173,8 @@ impl Daemon {
         let levers = Levers {
             links,
             machines: handles.clone(),
-            hub: hub.clone(),
+            door: Arc::clone(&door),
+            tls: tls.clone(),
             limits,
             baselines: Arc::clone(&baselines.store),
             descriptions,
@@ -172,12 +183,22 @@ impl Daemon {
             told,
             metrics: metrics.configuration(),
         };
-        let settings = state::Settings { started_at: Some(since), ..state::Settings::new(address) };
+        let settings = state::Settings {
+            started_at: Some(since),
+            hosts: config.access.hosts.clone(),
+            cors_origins: config.access.cors_origins.clone(),
+            is_encrypted: tls.is_some(),
+            warnings,
+            ..state::Settings::new(address)
+        };
         let store = StoreHandle { archive: keeper.archive, status: keeper.status };
         let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness);
         let stalled = events.stalled.clone();
-        let state = state.with_store(store).with_baselines(baselines).with_events(events);
-        let listener = http::Patient::new(listener, stalled);
+        let state =
+            state.with_door(door).with_store(store).with_baselines(baselines).with_events(events);
+        let listener = http::Patient::new(listener, stalled)
+            .with_tls(tls.as_ref())
+            .counting_refused(metrics.access().connections_refused);
         let state = state.with_trends(trends).with_captures(captures);
         let state = state.with_recordings(super::recording::root(config));
         let state = state.with_configuration(configuration);
@@ -376,8 +397,7 @@ fn system(what: &'static str, source: io::Error) -> StartError {
 fn readiness(plan: &Plan) -> ReadinessCheck {
     let status = Arc::clone(&plan.keeper.status);
     let trends = Arc::clone(&plan.trends.status);
-    let heartbeats: Vec<Arc<Heartbeat>> =
-        plan.shards.iter().map(|shard| Arc::clone(&shard.heartbeat)).collect();
+    let heartbeats = heartbeats(plan);
     Arc::new(move || {
         let stale = heartbeats.iter().enumerate().filter(|(_, beat)| beat.age() > STALE_AFTER);
         stale
@@ -388,6 +408,16 @@ fn readiness(plan: &Plan) -> ReadinessCheck {
             .chain(trends.failure().map(|why| format!("trends cannot be stored: {why}")))
             .collect()
     })
+}
+
+fn heartbeats(plan: &Plan) -> Vec<Arc<Heartbeat>> {
+    plan.shards.iter().map(|shard| Arc::clone(&shard.heartbeat)).collect()
+}
+
+/// Whether every shard comes round.
+fn moves(plan: &Plan) -> Moves {
+    let heartbeats = heartbeats(plan);
+    Arc::new(move || heartbeats.iter().all(|beat| beat.age() <= STALE_AFTER))
 }
 
 /// The signals that end the daemon.

@@ -1,23 +1,23 @@
 //! The HTTP server: the API's router on a listener, ended in bounded time.
 
+use super::connection::Connection;
+use super::connection::Limits;
+use super::tls::Tls;
 use crate::api;
+use crate::api::entry::Peer;
 use crate::api::state;
 use crate::dashboard;
+use axum::extract::connect_info::Connected;
+use axum::serve::IncomingStream;
 use axum::serve::Listener;
 use prometheus_client::metrics::counter::Counter;
 use std::io;
 use std::net::SocketAddr;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::Context;
-use std::task::Poll;
 use std::time::Duration;
-use tokio::io::AsyncRead;
-use tokio::io::AsyncWrite;
-use tokio::io::ReadBuf;
 use tokio::net::TcpListener;
-use tokio::net::TcpStream;
-use tokio::time::Sleep;
+use tokio::sync::Semaphore;
+use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 
 /// How long open connections may finish what they do when the daemon stops. A client that listens
@@ -38,26 +38,55 @@ pub fn router(state: state::ApiState) -> axum::Router {
 /// How long a reader may take nothing of what is written to it.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A listener whose connections break when their reader takes nothing for [`PATIENCE`]: nobody holds a stream
-/// of events, or the memory of an answer, without reading it.
-#[derive(Debug)]
+/// How long there may be nothing to say to who is connected: longer than the silence of a stream of events or a sender.
+pub const IDLE: Duration = Duration::from_secs(75);
+
+/// Connections that are open at a time; others are closed at once. Files of the store need descriptors, too, of which a
+/// process usually has 1024.
+pub const MAX_CONNECTIONS: usize = 768;
+
+/// A listener whose connections break when their reader takes nothing for [`PATIENCE`], or has nothing done for [`IDLE`]:
+/// nobody holds a stream of events, the memory of an answer, or a place, without using it.
 pub struct Patient {
     listener: TcpListener,
-    patience: Duration,
+    tls: Option<TlsAcceptor>,
+    limits: Limits,
+    places: Arc<Semaphore>,
     stalled: Counter,
+    refused: Counter,
+}
+
+impl std::fmt::Debug for Patient {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Patient").field("listener", &self.listener).finish_non_exhaustive()
+    }
 }
 
 impl Patient {
     /// Counts what it breaks in `stalled`.
     #[must_use]
     pub fn new(listener: TcpListener, stalled: Counter) -> Self {
-        Self { listener, patience: PATIENCE, stalled }
+        let limits = Limits { patience: PATIENCE, idle: IDLE };
+        let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+        Self { listener, tls: None, limits, places, stalled, refused: Counter::default() }
     }
 
-    /// Waits for another time.
+    /// Counts those for whom there is no place.
     #[must_use]
-    pub fn with_patience(self, patience: Duration) -> Self {
-        Self { patience, ..self }
+    pub fn counting_refused(self, refused: Counter) -> Self {
+        Self { refused, ..self }
+    }
+
+    /// Encrypts.
+    #[must_use]
+    pub fn with_tls(self, tls: Option<&Tls>) -> Self {
+        Self { tls: tls.map(|tls| TlsAcceptor::from(tls.config())), ..self }
+    }
+
+    /// Waits for other times, and has so many places.
+    #[cfg(test)]
+    fn with_limits(self, limits: Limits, n_places: usize) -> Self {
+        Self { limits, places: Arc::new(Semaphore::new(n_places)), ..self }
     }
 }
 
@@ -66,9 +95,19 @@ impl Listener for Patient {
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Connection, SocketAddr) {
-        let (stream, address) = Listener::accept(&mut self.listener).await;
-        let (patience, stalled) = (self.patience, self.stalled.clone());
-        (Connection { stream, patience, stalled, since: None }, address)
+        loop {
+            let (stream, address) = Listener::accept(&mut self.listener).await;
+            let Ok(place) = Arc::clone(&self.places).try_acquire_owned() else {
+                let n = self.refused.inc() + 1;
+                if n <= 10 || n.is_power_of_two() {
+                    tracing::warn!(%address, n, "no place for another connection");
+                }
+                continue;
+            };
+            let stalled = self.stalled.clone();
+            let tls = self.tls.as_ref();
+            return (Connection::new(stream, tls, self.limits, stalled, place), address);
+        }
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
@@ -76,85 +115,16 @@ impl Listener for Patient {
     }
 }
 
-/// A connection with bounded patience.
-#[derive(Debug)]
-pub struct Connection {
-    stream: TcpStream,
-    patience: Duration,
-    stalled: Counter,
-    /// Runs while the reader takes nothing.
-    since: Option<Pin<Box<Sleep>>>,
-}
-
-impl Connection {
-    /// Lets a write that cannot go on wait only so long.
-    fn bounded<T>(
-        &mut self,
-        context: &mut Context<'_>,
-        done: Poll<io::Result<T>>,
-    ) -> Poll<io::Result<T>> {
-        if done.is_ready() {
-            self.since = None;
-            return done;
-        }
-        let patience = self.patience;
-        let since = self.since.get_or_insert_with(|| Box::pin(tokio::time::sleep(patience)));
-        if since.as_mut().poll(context).is_pending() {
-            return Poll::Pending;
-        }
-        self.stalled.inc();
-        tracing::warn!("a connection was cut off: its reader takes nothing");
-        Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
-    }
-}
-
-impl AsyncRead for Connection {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, buffer)
-    }
-}
-
-impl AsyncWrite for Connection {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        let done = Pin::new(&mut self.stream).poll_write(context, bytes);
-        self.bounded(context, done)
-    }
-
-    fn poll_write_vectored(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        slices: &[io::IoSlice<'_>],
-    ) -> Poll<io::Result<usize>> {
-        let done = Pin::new(&mut self.stream).poll_write_vectored(context, slices);
-        self.bounded(context, done)
-    }
-
-    fn is_write_vectored(&self) -> bool {
-        self.stream.is_write_vectored()
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let done = Pin::new(&mut self.stream).poll_flush(context);
-        self.bounded(context, done)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let done = Pin::new(&mut self.stream).poll_shutdown(context);
-        self.bounded(context, done)
+impl Connected<IncomingStream<'_, Patient>> for Peer {
+    fn connect_info(stream: IncomingStream<'_, Patient>) -> Self {
+        Self(*stream.remote_addr())
     }
 }
 
 /// Serves until `stop`, then for [`GRACE`] at most.
 pub async fn serve(listener: Patient, router: axum::Router, stop: CancellationToken) {
-    let server = axum::serve(listener, router)
+    let service = router.into_make_service_with_connect_info::<Peer>();
+    let server = axum::serve(listener, service)
         .with_graceful_shutdown(stop.clone().cancelled_owned())
         .into_future();
     let cut_off = async {
@@ -197,7 +167,8 @@ mod tests {
         let listener = {
             let _context = runtime.enter();
             let listener = TcpListener::from_std(bound).unwrap();
-            Patient::new(listener, stalled.clone()).with_patience(Duration::from_millis(300))
+            let patience = Duration::from_millis(300);
+            Patient::new(listener, stalled.clone()).with_limits(Limits { patience, idle: IDLE }, 2)
         };
         let router = axum::Router::new().route("/", axum::routing::get(async || endless()));
         runtime.spawn(serve(listener, router, stop.clone()));
@@ -219,6 +190,44 @@ mod tests {
         let ended =
             std::iter::repeat_with(|| still.read(&mut buffer)).find(|n| !matches!(n, Ok(1..)));
         assert!(ended.is_some());
+        stop.cancel();
+    }
+
+    #[test]
+    fn who_has_nothing_done_loses_its_place_and_more_than_there_are_places_for_are_refused() {
+        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+        let (refused, stop) = (Counter::default(), CancellationToken::new());
+        let bound = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = bound.local_addr().unwrap();
+        bound.set_nonblocking(true).unwrap();
+        let limits = Limits { patience: PATIENCE, idle: Duration::from_millis(500) };
+        let listener = {
+            let _context = runtime.enter();
+            let listener = TcpListener::from_std(bound).unwrap();
+            Patient::new(listener, Counter::default())
+                .counting_refused(refused.clone())
+                .with_limits(limits, 1)
+        };
+        let router = axum::Router::new().route("/", axum::routing::get(async || "here"));
+        runtime.spawn(serve(listener, router, stop.clone()));
+        let connect = || std::net::TcpStream::connect(address).unwrap();
+        let end = |mut stream: std::net::TcpStream| {
+            let mut rest = Vec::new();
+            let _cut = stream.read_to_end(&mut rest);
+            rest
+        };
+        let mut silent = connect();
+        silent.write_all(b"GET / HT").unwrap();
+        assert_eq!(end(connect()), b"", "there is one place, and it is taken");
+        assert_eq!(refused.get(), 1);
+        assert_eq!(end(silent), b"", "a head that does not come to its end");
+        // The place is free again, soon after its last holder has heard of its end.
+        let is_answered = |_: &u32| {
+            let mut next = connect();
+            let _cut = next.write_all(b"GET / HTTP/1.1\r\nhost: x\r\n\r\n");
+            end(next).ends_with(b"here")
+        };
+        assert!((0..1000).find(is_answered).is_some(), "and is closed after it was quiet");
         stop.cancel();
     }
 }

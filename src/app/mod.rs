@@ -35,6 +35,10 @@ pub mod recording;
 pub mod client;
 mod broker;
 pub mod notify;
+pub mod tls;
+mod access;
+mod connection;
+mod supervisor;
 pub mod http;
 pub mod start_error;
 mod stores;
@@ -54,22 +58,27 @@ use std::time::SystemTime;
 /// Runs the daemon until SIGTERM or SIGINT, and follows its configuration `file`.
 ///
 /// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`; the second, if a source
-/// has senders, `ingest on tcp://ADDRESS`.
+/// has senders, `ingest on tcp://ADDRESS`; encrypted, `https` and `tls`.
 ///
 /// # Errors
 /// When the daemon cannot be started; nothing has been printed then.
 pub fn run(config: &Config, file: &Path, stdout: &mut dyn Write) -> Result<(), StartError> {
     let mut daemon = Daemon::start(config)?;
     daemon.follow(file)?;
-    let mut lines = format!("listening on http://{}\n", daemon.address());
+    let tls = config.access.tls.as_ref();
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    let mut lines = format!("listening on {scheme}://{}\n", daemon.address());
     if let Some(address) = daemon.ingest_address() {
-        lines.push_str(&format!("ingest on tcp://{address}\n"));
+        let scheme = if tls.is_some_and(|tls| tls.of_ingest) { "tls" } else { "tcp" };
+        lines.push_str(&format!("ingest on {scheme}://{address}\n"));
     }
     let printed = stdout.write_all(lines.as_bytes()).and_then(|()| stdout.flush());
     if let Err(error) = printed {
         tracing::warn!(%error, "the address cannot be printed on stdout");
     }
+    supervisor::ready(lines.lines().next().unwrap_or_default());
     daemon.wait_for_signal();
+    supervisor::stopping();
     daemon.stop();
     Ok(())
 }

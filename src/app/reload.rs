@@ -10,17 +10,19 @@ use super::build::configuration_hash;
 use super::keeper::Keeper;
 use super::link::Input;
 use super::link::Link;
-use super::live::Hub;
 use super::notify::Notifier;
 use super::renewal::Renewed;
 use super::stop::Stop;
+use super::tls::Tls;
 use super::trending;
 use super::trending::NewLimits;
+use crate::access::Door;
 use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
 use crate::causes::with_causes;
 use crate::config;
 use crate::config::Config;
+use crate::config::TokenList;
 use crate::config::change;
 use crate::config::change::Change;
 use crate::config::change::Extent;
@@ -67,7 +69,8 @@ pub(super) struct Levers {
     /// In the order of the configuration.
     pub(super) links: Vec<Link>,
     pub(super) machines: Vec<MachineHandle>,
-    pub(super) hub: Option<Arc<Hub>>,
+    pub(super) door: Arc<Door>,
+    pub(super) tls: Option<Tls>,
     pub(super) limits: NewLimits,
     pub(super) baselines: Arc<dyn BaselineStore>,
     pub(super) descriptions: Descriptions,
@@ -142,7 +145,7 @@ impl Reloader {
     /// Reads the files and takes them over, or says why not. `is_news`: that it is refused is told even if it was
     /// refused for the same reasons before.
     fn read(&mut self, is_news: bool) {
-        let loaded = config::load(&self.file);
+        let loaded = config::load_as(&self.file, self.current.access.exposure);
         let taken = match loaded {
             Ok(new) => self.take_over(new).map_err(|why| vec![why]),
             Err(errors) => Err(errors.0.iter().map(ToString::to_string).collect()),
@@ -262,10 +265,12 @@ impl Reloader {
     /// Hands everything out; nothing of it can be refused.
     fn apply(&self, change: &Change, learned: Vec<Baseline>) {
         let (old, new) = (&self.current, &change.config);
-        if let Some(hub) =
-            self.levers.hub.as_ref().filter(|_| old.ingest.tokens != new.ingest.tokens)
-        {
-            hub.set_tokens(&new.ingest.tokens);
+        if let Some(tokens) = new.access.tokens.as_ref().filter(|_| old.access != new.access) {
+            tell_tokens(old.access.tokens.as_ref(), tokens);
+            self.levers.door.set(tokens.0.clone());
+        }
+        if let Some((shown, tls)) = self.levers.tls.as_ref().zip(new.access.tls.as_ref()) {
+            shown.show(&tls.identity);
         }
         if old.store != new.store {
             let (retention, max_bytes) = (new.store.trends, new.bytes_beside_captures());
@@ -308,6 +313,18 @@ impl Reloader {
                 break;
             }
         }
+    }
+}
+
+/// Says in the log whose tokens came and went.
+fn tell_tokens(old: Option<&TokenList>, new: &TokenList) {
+    let old = old.cloned().unwrap_or_default();
+    let (before, now) = (old.0.labels(), new.0.labels());
+    for label in now.difference(&before) {
+        tracing::info!(label, "a token came");
+    }
+    for label in before.difference(&now) {
+        tracing::info!(label, "a token was revoked");
     }
 }
 

@@ -46,6 +46,9 @@ pub enum StartError {
     /// The certificates of a broker that a source asks cannot be read.
     #[error("a source of the kind \"mqtt\" cannot be used")]
     Broker(#[from] ClientError),
+    /// Connections cannot be encrypted.
+    #[error("TLS cannot be set up as server.tls says")]
+    Tls(#[from] rustls::Error),
     /// A healthy capture cannot be measured.
     #[error("the baseline {} of machine {machine:?} cannot be used", file.display())]
     Baseline {

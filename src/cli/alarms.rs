@@ -1,16 +1,15 @@
 //! `rotorwatch alarms`: the alarms of a running daemon, over its HTTP API.
 
-use crate::app::client;
-use crate::app::client::ClientError;
-use crate::notify::endpoint::Endpoint;
+use super::client::Api;
+use super::client::AskError;
+use super::client::DaemonArguments;
+use super::client::shown;
 use clap::Args;
 use clap::Subcommand;
 use clap::ValueEnum;
 use serde_json::Value;
 use serde_json::json;
-use std::path::PathBuf;
 use std::process::ExitCode;
-use ureq::Agent;
 
 /// Shown below `--help`.
 pub const EXAMPLES: &str = "\
@@ -20,31 +19,20 @@ Examples:
   rotorwatch alarms show rig-1:12
   rotorwatch alarms ack rig-1:12 --author 'M. Ito' --comment 'bearing ordered'
   rotorwatch alarms shelve rig-1:12 rig-1:13 --for 8h --author 'M. Ito' --comment 'until the shift ends'
+  rotorwatch alarms ack rig-1:12 --token-file ito.token --comment 'bearing ordered'
   rotorwatch alarms list --url https://monitor.example.org --state unacknowledged --format json
 
 Exit codes: 0 success, 2 an error; of several alarms every one is tried.";
 
-/// Address of a daemon with the usual configuration.
-const URL: &str = "http://127.0.0.1:8080";
-
-/// Longest time for one request, s.
-const TIMEOUT_S: f64 = 15.0;
-
-/// Longest answer that is read, bytes.
-const MAX_ANSWER_BYTES: u64 = 64 << 20;
-
-/// Most items of a page of the API.
-const PAGE: usize = 1000;
+/// Most alarms that are listed.
+const MAX_LISTED: usize = 100_000;
 
 /// Arguments of `alarms`.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Address of the daemon: https, or http to this computer.
-    #[arg(long, global = true, value_name = "URL", default_value = URL, env = "ROTORWATCH_URL")]
-    pub url: String,
-    /// Certificates (PEM) of the authorities to trust instead of the system's.
-    #[arg(long, global = true, value_name = "FILE")]
-    pub ca_file: Option<PathBuf>,
+    /// The daemon.
+    #[command(flatten)]
+    pub daemon: DaemonArguments,
     /// How the answer is written.
     #[arg(long, global = true, value_enum, default_value = "text", value_name = "FORMAT")]
     pub format: Format,
@@ -136,8 +124,8 @@ pub struct ActArguments {
     /// Ids of the alarms, such as rig-1:12.
     #[arg(required = true, value_name = "ID")]
     pub ids: Vec<String>,
-    /// Who acts; kept with the act.
-    #[arg(long, value_name = "NAME", env = "ROTORWATCH_AUTHOR")]
+    /// Who acts; kept with the act. With a token its label is who, and this is not needed.
+    #[arg(long, value_name = "NAME", env = "ROTORWATCH_AUTHOR", default_value = "")]
     pub author: String,
     /// Why, or what was done.
     #[arg(long, value_name = "TEXT", default_value = "")]
@@ -155,53 +143,20 @@ pub struct ShelveArguments {
     pub for_s: f64,
 }
 
-/// Why the daemon did not answer, or what it refused.
-#[derive(Debug, thiserror::Error)]
-pub enum AlarmsError {
-    /// The address is none.
-    #[error("--url: {0}")]
-    Address(String),
-    /// No connection can be tried.
-    #[error("the daemon cannot be asked")]
-    Client(#[from] ClientError),
-    /// No answer.
-    #[error("the daemon at {endpoint} {why}: is it running, and is --url right?")]
-    NoAnswer {
-        /// Where.
-        endpoint: String,
-        /// Why.
-        why: &'static str,
-    },
-    /// It refused.
-    #[error("{detail} (status {status})")]
-    Refused {
-        /// HTTP status.
-        status: u16,
-        /// What it says.
-        detail: String,
-    },
-    /// The answer is none of this API.
-    #[error("the answer of {endpoint} is none of a rotorwatch daemon")]
-    Foreign {
-        /// Where.
-        endpoint: String,
-    },
-}
-
 /// Runs the command; exit code 2 when anything of it failed.
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
-    let api = match Api::new(arguments) {
+    let api = match Api::new(&arguments.daemon) {
         Ok(api) => api,
         Err(error) => return super::fail(&error),
     };
     let is_text = arguments.format == Format::Text;
     let done = match &arguments.command {
-        Command::List(list) => {
-            api.list(list).map(|found| (lines(&found["items"], alarm_line), found))
+        Command::List(which) => {
+            list(&api, which).map(|found| (lines(&found["items"], alarm_line), found))
         }
         Command::History(which) => {
-            api.history(which).map(|found| (lines(&found["items"], event_line), found))
+            history(&api, which).map(|found| (lines(&found["items"], event_line), found))
         }
         Command::Show { id } => api.get(&["alarms", id], &[]).map(|alarm| (detail(&alarm), alarm)),
         Command::Ack(act) => return acts(&api, "ack", act, None, is_text),
@@ -254,126 +209,29 @@ fn acts(
     if failed { ExitCode::from(super::EXIT_ERROR) } else { printed }
 }
 
-/// The daemon's API.
-struct Api {
-    agent: Agent,
-    /// Without a slash at its end.
-    base: String,
-    endpoint: Endpoint,
+fn list(api: &Api, which: &ListArguments) -> Result<Value, AskError> {
+    let filters = [
+        ("machine", which.machine.as_ref()),
+        ("component", which.component.as_ref()),
+        ("level", which.level.as_ref()),
+        ("state", which.state.as_ref()),
+        ("since", which.since.as_ref()),
+    ];
+    api.pages(&["alarms"], &filters, MAX_LISTED)
 }
 
-impl Api {
-    fn new(arguments: &Arguments) -> Result<Self, AlarmsError> {
-        let endpoint = Endpoint::parse(&arguments.url, false).map_err(AlarmsError::Address)?;
-        let agent = client::agent(endpoint.encrypts(), arguments.ca_file.as_deref(), TIMEOUT_S)?;
-        let base = arguments.url.trim_end_matches('/').to_owned();
-        Ok(Self { agent, base, endpoint })
-    }
-
-    fn url(&self, path: &[&str]) -> String {
-        let path: String = path.iter().map(|part| format!("/{}", escaped(part))).collect();
-        format!("{}/api/v1{path}", self.base)
-    }
-
-    fn get(&self, path: &[&str], query: &[(&str, &str)]) -> Result<Value, AlarmsError> {
-        let request = self.agent.get(self.url(path)).query_pairs(query.iter().copied());
-        self.answer(request.call())
-    }
-
-    fn post(&self, path: &[&str], body: &Value) -> Result<Value, AlarmsError> {
-        self.answer(self.agent.post(self.url(path)).send_json(body))
-    }
-
-    /// The document of an answer, or what the daemon says against it.
-    fn answer(
-        &self,
-        answer: Result<http::Response<ureq::Body>, ureq::Error>,
-    ) -> Result<Value, AlarmsError> {
-        let endpoint = self.endpoint.to_string();
-        let no_answer = |error: ureq::Error| AlarmsError::NoAnswer {
-            endpoint: endpoint.clone(),
-            why: client::why(&error),
-        };
-        let mut answer = answer.map_err(no_answer)?;
-        let status = answer.status().as_u16();
-        let text = answer.body_mut().with_config().limit(MAX_ANSWER_BYTES).read_to_string();
-        let document: Result<Value, _> = serde_json::from_str(&text.map_err(no_answer)?);
-        match document {
-            Ok(document) if status < 300 => Ok(document),
-            Ok(document) if document["detail"].is_string() => Err(AlarmsError::Refused {
-                status,
-                detail: text_of(&document["detail"]).to_owned(),
-            }),
-            Ok(_) | Err(_) => Err(AlarmsError::Foreign { endpoint }),
-        }
-    }
-
-    /// All items, page by page, at most `limit`.
-    fn pages(
-        &self,
-        path: &[&str],
-        filters: &[(&str, Option<&String>)],
-        limit: usize,
-    ) -> Result<Value, AlarmsError> {
-        let mut items = Vec::new();
-        let mut after: Option<String> = None;
-        while items.len() < limit {
-            let page = (limit - items.len()).min(PAGE).to_string();
-            let set =
-                filters.iter().filter_map(|(name, value)| Some((*name, value.as_ref()?.as_str())));
-            let mut query: Vec<(&str, &str)> = set.collect();
-            query.push(("limit", &page));
-            query.extend(after.iter().map(|after| ("after", after.as_str())));
-            let mut found = self.get(path, &query)?;
-            let Value::Array(more) = found["items"].take() else {
-                return Err(AlarmsError::Foreign { endpoint: self.endpoint.to_string() });
-            };
-            items.extend(more);
-            after = found["next"].as_str().map(str::to_owned);
-            if after.is_none() {
-                break;
-            }
-        }
-        Ok(json!({ "items": items }))
-    }
-
-    fn list(&self, which: &ListArguments) -> Result<Value, AlarmsError> {
-        let filters = [
-            ("machine", which.machine.as_ref()),
-            ("component", which.component.as_ref()),
-            ("level", which.level.as_ref()),
-            ("state", which.state.as_ref()),
-            ("since", which.since.as_ref()),
-        ];
-        self.pages(&["alarms"], &filters, 100 * PAGE)
-    }
-
-    fn history(&self, which: &HistoryArguments) -> Result<Value, AlarmsError> {
-        let filters = [
-            ("machine", which.machine.as_ref()),
-            ("component", which.component.as_ref()),
-            ("since", which.since.as_ref()),
-        ];
-        let limit = usize::try_from(which.limit).unwrap_or(usize::MAX);
-        self.pages(&["alarms", "history"], &filters, limit)
-    }
-}
-
-/// One part of a path.
-fn escaped(part: &str) -> String {
-    let mut text = String::with_capacity(part.len());
-    for byte in part.bytes() {
-        if byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'~' | b':') {
-            text.push(char::from(byte));
-        } else {
-            text.push_str(&format!("%{byte:02X}"));
-        }
-    }
-    text
+fn history(api: &Api, which: &HistoryArguments) -> Result<Value, AskError> {
+    let filters = [
+        ("machine", which.machine.as_ref()),
+        ("component", which.component.as_ref()),
+        ("since", which.since.as_ref()),
+    ];
+    let limit = usize::try_from(which.limit).unwrap_or(usize::MAX);
+    api.pages(&["alarms", "history"], &filters, limit)
 }
 
 /// Reads a time such as `8h`.
-fn seconds(text: &str) -> Result<f64, String> {
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
     let units = [("min", 60.0), ("h", 3600.0), ("d", 86_400.0), ("s", 1.0)];
     let read = units.iter().find_map(|(unit, unit_s)| {
         let number: f64 = text.strip_suffix(unit)?.trim().parse().ok()?;
@@ -389,15 +247,6 @@ fn lines(items: &Value, line: fn(&Value) -> String) -> String {
         return "none\n".to_owned();
     }
     items.iter().map(line).collect()
-}
-
-/// A text of a document without what could move a terminal's cursor; empty if there is none.
-fn text_of(value: &Value) -> &str {
-    value.as_str().unwrap_or_default()
-}
-
-fn shown(value: &Value) -> String {
-    text_of(value).chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 /// The fault, or what raised the alarm.
@@ -463,12 +312,5 @@ mod tests {
         for wrong in ["8", "h", "-1h", "0s", "nan h", "inf d", "8 hours", ""] {
             assert!(seconds(wrong).is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn ids_are_one_part_of_a_path_and_texts_move_no_cursor() {
-        assert_eq!(escaped("rig-1:12"), "rig-1:12");
-        assert_eq!(escaped("a/../b?c#d ü"), "a%2F..%2Fb%3Fc%23d%20%C3%BC");
-        assert_eq!(shown(&json!("a\u{1b}[2Jb\nc")), "a [2Jb c");
     }
 }

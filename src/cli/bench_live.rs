@@ -117,7 +117,11 @@ pub fn run(load: Load) -> Result<Vec<Cell>, LiveError> {
     let daemon = start(load, &sizes)?;
     let mut senders = Vec::new();
     for (machine, n) in sizes.iter().enumerate() {
-        senders.push(Sender::connect(&Address::Tcp(daemon.ingest.clone()), hello(machine, *n))?);
+        senders.push(Sender::connect(
+            &Address::Tcp(daemon.ingest.clone(), false),
+            None,
+            hello(machine, *n),
+        )?);
     }
     let (begun, own, before_s) = (app::now(), ProcessTime::now(), daemon.cpu_s());
     let start = app::wall_clock();

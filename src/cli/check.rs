@@ -301,7 +301,11 @@ fn lines(
 fn configuration(name: &str, config: &Config) -> String {
     let n = config.machines.len();
     let machines = if n == 1 { "machine" } else { "machines" };
-    let mut text = format!("{name}: configuration, http on {}, {n} {machines}\n", config.bind);
+    let scheme = if config.access.tls.is_some() { "https" } else { "http" };
+    let mut text = format!("{name}: configuration, {scheme} on {}, {n} {machines}\n", config.bind);
+    if let Some(tokens) = &config.access.tokens {
+        text.push_str(&format!("  {} tokens\n", tokens.0.iter().count()));
+    }
     if config.recording.is_some() {
         let folder = config.store.directory.join("recordings");
         text.push_str(&format!("  recording to {}\n", folder.display()));
@@ -328,12 +332,11 @@ fn configuration(name: &str, config: &Config) -> String {
 
 /// A line for what comes over a network.
 fn network(config: &Config, live: &Live) -> String {
-    let tokens = match config.ingest.tokens.len() {
-        0 => "without tokens".to_owned(),
-        n => format!("with one of {n} tokens"),
-    };
+    let tokens = if config.access.tokens.is_some() { "with tokens" } else { "without tokens" };
+    let is_encrypted = config.access.tls.as_ref().is_some_and(|tls| tls.of_ingest);
+    let over = if is_encrypted { "tls" } else { "tcp" };
     let senders =
-        live.listens.then(|| format!("senders over tcp on {}, {tokens}\n", config.ingest.bind));
+        live.listens.then(|| format!("senders over {over} on {}, {tokens}\n", config.ingest.bind));
     let broker = |broker: &Subscription| {
         let (n, at) = (broker.topics.len(), &broker.connection);
         format!("{n} topics of the broker at {}:{}\n", at.host, at.port)

@@ -283,7 +283,7 @@ fn loopback(text: &str) -> Result<SocketAddr, String> {
     if address.ip().is_loopback() {
         Ok(address)
     } else {
-        Err("can be reached from other hosts, and this version has no access tokens: use \
+        Err("can be reached from other hosts, and the demonstration has no access tokens: use \
              127.0.0.1 or [::1]"
             .to_owned())
     }

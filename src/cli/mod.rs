@@ -20,6 +20,10 @@ pub mod simulate;
 pub mod serve;
 pub mod demo;
 pub mod baseline;
+pub mod client;
+pub mod status;
+mod secret;
+pub mod token;
 pub mod alarms;
 pub mod export;
 pub mod replay_alarms;
@@ -113,6 +117,12 @@ pub enum Command {
     /// List the alarms of a daemon, and act on them
     #[command(after_help = alarms::EXAMPLES)]
     Alarms(alarms::Arguments),
+    /// Say how a running daemon and its machines are doing
+    #[command(after_help = status::EXAMPLES)]
+    Status(status::Arguments),
+    /// Make, list and revoke access tokens of a daemon
+    #[command(after_help = token::EXAMPLES)]
+    Token(token::Arguments),
     /// Write stored trends and alarms as CSV or HDF5
     #[command(after_help = export::EXAMPLES)]
     Export(export::Arguments),
@@ -155,6 +165,8 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Baseline(arguments) => baseline::run(arguments),
         Command::Alarms(arguments) => alarms::run(arguments),
+        Command::Status(arguments) => status::run(arguments),
+        Command::Token(arguments) => token::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::ReplayAlarms(arguments) => replay_alarms::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),

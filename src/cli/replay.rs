@@ -1,7 +1,10 @@
 //! `rotorwatch replay`: streams a capture into a running daemon, as acquisition hardware would.
 
 use super::hints::HintArguments;
+use super::secret;
 use crate::app;
+use crate::app::client::ClientError;
+use crate::app::client::tls;
 use crate::app::live::client;
 use crate::app::live::client::SendError;
 use crate::app::live::client::Sender;
@@ -21,8 +24,8 @@ use crate::wire::Bye;
 use crate::wire::Hello;
 use crate::wire::Samples;
 use clap::Args;
-use std::fs;
 use std::io;
+use std::path::Path;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -33,7 +36,8 @@ Examples:
   rotorwatch replay run-7.h5 --to tcp://127.0.0.1:8081
   rotorwatch replay run-7.h5 --to tcp://127.0.0.1:8081 --machine rig-1 --speed max
   rotorwatch replay run-7.h5 --to http://127.0.0.1:8080 --speed max
-  rotorwatch replay run-7.h5 --to tcp://monitor:8081 --token-file sender.token --speed 10
+  rotorwatch replay run-7.h5 --to tls://monitor:8081 --ca-file plant-ca.pem --token-file sender.token --speed 10
+  rotorwatch replay run-7.h5 --to https://monitor:8080 --token-file sender.token
 
 The daemon needs a [[source]] of kind \"tcp\" for the machine (docs/wire.md); the second line it prints is the address.
 The samples are stamped as if they were measured now. A connection that breaks is made again, and nothing is lost.
@@ -52,7 +56,7 @@ pub struct Arguments {
     /// The capture: HDF5, CSV or WAV.
     #[arg(value_name = "CAPTURE")]
     pub capture: PathBuf,
-    /// The daemon: `tcp://HOST:PORT` where it listens to senders, or `http://HOST:PORT`, over a WebSocket.
+    /// The daemon: `tcp://HOST:PORT` where it listens to senders, or `http://HOST:PORT`, over a WebSocket; encrypted: `tls` and `https`.
     #[arg(long, value_name = "URL")]
     pub to: String,
     /// Id of the machine; default: that of the machine file in the capture, else the only machine of the daemon.
@@ -64,6 +68,9 @@ pub struct Arguments {
     /// File whose first line is the access token.
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<PathBuf>,
+    /// Certificates (PEM) of the authorities to trust instead of the system's.
+    #[arg(long, alias = "ca", value_name = "FILE")]
+    pub ca_file: Option<PathBuf>,
     /// What the file does not say.
     #[command(flatten)]
     pub hints: HintArguments,
@@ -73,7 +80,7 @@ pub struct Arguments {
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(
-        "{to:?} is no address of a daemon: tcp://HOST:PORT, as the second line of `rotorwatch serve` says, or its http://HOST:PORT"
+        "{to:?} is no address of a daemon: tcp://HOST:PORT or tls://HOST:PORT, as the second line of `rotorwatch serve` says, or its http://HOST:PORT or https://HOST:PORT"
     )]
     Address { to: String },
     #[error("{}: the token cannot be read", file.display())]
@@ -84,6 +91,8 @@ enum Failure {
     Machine(#[from] MachineFileErrors),
     #[error(transparent)]
     Replay(#[from] ReplayError),
+    #[error("no connection can be tried")]
+    Client(#[from] ClientError),
     #[error("sending failed")]
     Send(#[from] SendError),
 }
@@ -100,7 +109,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn stream(arguments: &Arguments) -> Result<String, Failure> {
     let address = Address::parse(&arguments.to);
     let address = address.ok_or_else(|| Failure::Address { to: arguments.to.clone() })?;
-    let token = arguments.token_file.as_ref().map(token).transpose()?.unwrap_or_default();
+    let trust = address.encrypts().then(|| tls(arguments.ca_file.as_deref())).transpose()?;
+    let token = arguments.token_file.as_deref().map(token).transpose()?.unwrap_or_default();
     let hints = arguments.hints.hints()?;
     let path = &arguments.capture;
     let failed = |source| ReplayError::Open { file: path.clone(), source: Box::new(source) };
@@ -134,7 +144,7 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
         Speed::Max => duration_s,
         Speed::Times(factor) => duration_s * (1.0 - factor.recip()).max(0.0),
     };
-    let mut sender = Sender::connect(&address, hello)?;
+    let mut sender = Sender::connect(&address, trust, hello)?;
     let begun = app::now();
     let start = app::wall_clock().plus_seconds(-ahead_s);
     let mut n_samples = 0_u64;
@@ -160,11 +170,8 @@ fn stream(arguments: &Arguments) -> Result<String, Failure> {
     ))
 }
 
-fn token(file: &PathBuf) -> Result<String, Failure> {
-    let text =
-        fs::read_to_string(file).map_err(|source| Failure::Token { file: file.clone(), source })?;
-    let is_token = |line: &&str| !line.is_empty() && !line.starts_with('#');
-    Ok(text.lines().map(str::trim).find(is_token).unwrap_or_default().to_owned())
+fn token(file: &Path) -> Result<String, Failure> {
+    secret::read(file).map_err(|source| Failure::Token { file: file.to_owned(), source })
 }
 
 fn speed(text: &str) -> Result<Speed, String> {

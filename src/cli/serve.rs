@@ -2,6 +2,7 @@
 
 use crate::app;
 use crate::config;
+use crate::config::Exposure;
 use clap::Args;
 use std::io;
 use std::path::Path;
@@ -24,6 +25,9 @@ pub struct Arguments {
     /// Configuration file (TOML); relative paths in it start from its folder.
     #[arg(long, value_name = "FILE", required_unless_present = "print_config")]
     pub config: Option<PathBuf>,
+    /// Let everybody in who can reach the address, though it is not of this computer alone and there are no tokens.
+    #[arg(long)]
+    pub insecure: bool,
     /// Print the commented reference of every key with its default, and end.
     #[arg(long)]
     pub print_config: bool,
@@ -33,13 +37,14 @@ pub struct Arguments {
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
     match &arguments.config {
-        Some(file) if !arguments.print_config => serve(file),
+        Some(file) if !arguments.print_config => serve(file, arguments.insecure),
         _ => super::print(config::REFERENCE.as_bytes()),
     }
 }
 
-fn serve(file: &Path) -> ExitCode {
-    let config = match config::load(file) {
+fn serve(file: &Path, is_insecure: bool) -> ExitCode {
+    let exposure = if is_insecure { Exposure::Insecure } else { Exposure::Guarded };
+    let config = match config::load_as(file, exposure) {
         Ok(config) => config,
         Err(errors) => return super::fail_lines(&errors),
     };

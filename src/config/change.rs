@@ -4,11 +4,13 @@
 //! A pure function of two configurations. Every field of both is named here, so that a new one does not compile before
 //! it has its place. A machine file is taken as a whole: if one part of it needs a restart, all of it waits.
 
+use super::Access;
 use super::Captures;
 use super::Config;
 use super::Ingest;
 use super::MachineConfig;
 use super::Store;
+use super::Tls;
 use crate::alarms;
 use crate::capture::recording::machine as recording;
 use crate::machine::Machine;
@@ -75,6 +77,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
     let mut notes = Notes::default();
     let Config {
         bind,
+        access,
         ingest,
         store,
         workers,
@@ -88,6 +91,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
         files: _,
     } = &mut new;
     notes.fixed("server.bind", &old.bind, bind);
+    of_access(&mut notes, &old.access, access);
     of_ingest(&mut notes, &old.ingest, ingest);
     of_store(&mut notes, &old.store, store);
     notes.fixed("pipeline.workers", &old.workers, workers);
@@ -102,15 +106,30 @@ pub fn between(old: &Config, mut new: Config) -> Change {
     Change { config: new, applied, restart, machines }
 }
 
-fn of_ingest(notes: &mut Notes, old: &Ingest, new: &mut Ingest) {
-    let Ingest { bind, tokens, max_connections } = new;
-    notes.fixed("ingest.bind", &old.bind, bind);
-    // Whether senders on other hosts need one was decided with the address.
-    if tokens.is_empty() == old.tokens.is_empty() {
-        notes.live("ingest.token_file", &old.tokens, tokens);
+fn of_access(notes: &mut Notes, old: &Access, new: &mut Access) {
+    let Access { tokens, tls, hosts, cors_origins, exposure } = new;
+    // Whether anybody needs one, and whether anything is encrypted, was decided with the address.
+    if tokens.is_some() == old.tokens.is_some() {
+        notes.live("server.token_file", &old.tokens, tokens);
     } else {
-        notes.fixed("ingest.token_file", &old.tokens, tokens);
+        notes.fixed("server.token_file", &old.tokens, tokens);
     }
+    if let (Some(old), Some(tls)) = (&old.tls, &mut *tls) {
+        let Tls { identity, of_ingest } = tls;
+        notes.live("server.tls.cert_file", &old.identity, identity);
+        notes.fixed("server.tls.ingest", &old.of_ingest, of_ingest);
+    } else {
+        notes.fixed("server.tls", &old.tls, tls);
+    }
+    notes.fixed("server.hosts", &old.hosts, hosts);
+    notes.fixed("server.cors_origins", &old.cors_origins, cors_origins);
+    // Said on the command line: the same as long as the daemon runs.
+    notes.fixed("--insecure", &old.exposure, exposure);
+}
+
+fn of_ingest(notes: &mut Notes, old: &Ingest, new: &mut Ingest) {
+    let Ingest { bind, max_connections } = new;
+    notes.fixed("ingest.bind", &old.bind, bind);
     notes.fixed("ingest.max_connections", &old.max_connections, max_connections);
 }
 

@@ -1,9 +1,11 @@
 //! What each change takes: nothing, other limits, a machine anew, a restart.
 
+use super::super::Exposure;
 use super::super::FileText;
+use super::super::Identity;
 use super::super::Live;
 use super::super::SourceConfig;
-use super::super::Token;
+use super::super::TokenList;
 use super::super::held_to;
 use super::*;
 use crate::capture::hints::Hints;
@@ -41,6 +43,21 @@ fn with(text: &str) -> Config {
     let mut changed = config();
     changed.machines[0] = entry(text);
     changed
+}
+
+fn tokens(label: &str) -> TokenList {
+    let secret = crate::access::Secret::of(&[label.as_bytes()[0]; 32]);
+    let who = (label, crate::access::Role::Viewer);
+    let token = crate::access::Token::new(&secret, who, &[], (None, None)).unwrap();
+    let mut tokens = TokenList::default();
+    tokens.0.add(token).unwrap();
+    tokens
+}
+
+fn tls(name: &str) -> Tls {
+    let made = rcgen::generate_simple_self_signed(vec![name.to_owned()]).unwrap();
+    let identity = Identity::of_pem(&made.cert.pem(), &made.signing_key.serialize_pem()).unwrap();
+    Tls { identity, of_ingest: true }
 }
 
 fn rebuilt(parts: &[&'static str], stale: bool) -> Extent {
@@ -102,10 +119,14 @@ type Step = (&'static str, fn(&mut Config));
 
 #[test]
 fn what_needs_a_restart_says_so_and_stays_as_it_was() {
-    let steps: [Step; 15] = [
+    let steps: [Step; 19] = [
         ("server.bind", |c| c.bind.set_port(9)),
         ("ingest.bind", |c| c.ingest.bind.set_port(9)),
-        ("ingest.token_file", |c| c.ingest.tokens.push(Token::new("a token of some length"))),
+        ("server.token_file", |c| c.access.tokens = Some(tokens("a"))),
+        ("server.tls", |c| c.access.tls = Some(tls("a"))),
+        ("server.hosts", |c| c.access.hosts.push("a".to_owned())),
+        ("server.cors_origins", |c| c.access.cors_origins.push("https://a".to_owned())),
+        ("--insecure", |c| c.access.exposure = Exposure::Insecure),
         ("ingest.max_connections", |c| c.ingest.max_connections = 9),
         ("store.directory", |c| c.store.directory = PathBuf::from("elsewhere")),
         ("pipeline.workers", |c| c.workers = 9),
@@ -168,16 +189,30 @@ fn what_is_in_effect_at_once_is_named_and_reaches_the_machines_it_concerns() {
 }
 
 #[test]
-fn one_token_may_take_the_place_of_another_at_once() {
-    let with_token = |text: &str| {
+fn tokens_and_certificates_take_the_place_of_others_at_once() {
+    let with = |name: &str| {
         let mut config = config();
-        config.ingest.tokens.push(Token::new(text));
+        config.access.tokens = Some(tokens(name));
+        config.access.tls = Some(tls(name));
         config
     };
-    let (old, new) = (with_token("the token of before"), with_token("the token of now"));
+    let (old, new) = (with("a"), with("b"));
     let change = between(&old, new.clone());
-    assert_eq!((change.applied, change.restart.len()), (vec!["ingest.token_file".to_owned()], 0));
-    assert_eq!(change.config, new);
+    assert_eq!(change.applied, ["server.token_file", "server.tls.cert_file"]);
+    assert_eq!((change.restart.len(), &change.config), (0, &new));
+    let mut none_left = old.clone();
+    none_left.access.tokens = Some(TokenList::default());
+    assert_eq!(between(&old, none_left).applied, ["server.token_file"]);
+    // Whether anybody needs one was decided with the address: it stays so until a restart, even if both change at once.
+    let mut open = old.clone();
+    open.access.tokens = None;
+    open.access.tls = None;
+    let change = between(&old, open);
+    assert_eq!(change.restart, ["server.token_file", "server.tls"]);
+    assert_eq!(change.config, old);
+    let mut plain_ingest = old.clone();
+    plain_ingest.access.tls.as_mut().unwrap().of_ingest = false;
+    assert_eq!(between(&old, plain_ingest).restart, ["server.tls.ingest"]);
 }
 
 #[test]

@@ -29,9 +29,18 @@ pub struct Key {
     pub kind: Kind,
 }
 
-/// Sections that stand once.
-pub const SECTIONS: &[&str] =
-    &["server", "ingest", "store", "recording", "captures", "pipeline", "diagnosis", "alarms"];
+/// Sections that stand once; one with a point stands inside another.
+pub const SECTIONS: &[&str] = &[
+    "server",
+    "server.tls",
+    "ingest",
+    "store",
+    "recording",
+    "captures",
+    "pipeline",
+    "diagnosis",
+    "alarms",
+];
 
 /// Sections that may be repeated, as `[[machine]]`; one with a point stands below a section of its own.
 pub const LISTS: &[&str] = &["machine", "source", "notify.webhook", "notify.mqtt"];
@@ -42,8 +51,13 @@ const MAX_BYTES: u64 = 1 << 53;
 /// Every key.
 pub const KEYS: &[Key] = &[
     key("server", "bind", Kind::Text),
+    key("server", "token_file", Kind::Text),
+    key("server", "hosts", Kind::Texts),
+    key("server", "cors_origins", Kind::Texts),
+    key("server.tls", "cert_file", Kind::Text),
+    key("server.tls", "key_file", Kind::Text),
+    key("server.tls", "ingest", Kind::Flag),
     key("ingest", "bind", Kind::Text),
-    key("ingest", "token_file", Kind::Text),
     key("ingest", "max_connections", Kind::Whole(1, 4096)),
     key("store", "directory", Kind::Text),
     key("store", "max_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
@@ -131,6 +145,15 @@ pub fn find(section: &str, name: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.section == section && key.name == name)
 }
 
+/// What to do about a key that was one once.
+#[must_use]
+pub fn moved(section: &str, name: &str) -> Option<&'static str> {
+    ((section, name) == ("ingest", "token_file")).then_some(
+        "senders have the tokens of everybody now: `rotorwatch token create --role ingest`, and name their file in \
+         server.token_file",
+    )
+}
+
 /// Names of a section's keys, for messages.
 #[must_use]
 pub fn names_of(section: &str) -> String {
@@ -145,7 +168,8 @@ impl Key {
     pub fn variable(&self) -> Option<String> {
         SECTIONS
             .contains(&self.section)
-            .then(|| format!("ROTORWATCH__{}__{}", self.section, self.name).to_uppercase())
+            .then(|| format!("ROTORWATCH__{}__{}", self.section, self.name))
+            .map(|name| name.replace('.', "__").to_uppercase())
     }
 
     /// Checks a value read from the file.
@@ -186,7 +210,9 @@ impl Key {
     /// What is allowed and what was found, as one clause.
     pub fn check_text(&self, text: &str) -> Result<(), String> {
         let value = match self.kind {
-            Kind::Text | Kind::Texts | Kind::Speed => None,
+            // A list is a text with commas there.
+            Kind::Texts => return Ok(()),
+            Kind::Text | Kind::Speed => None,
             Kind::Flag => text.parse().ok().map(toml::Value::Boolean),
             Kind::Whole(..) => text.parse().ok().map(toml::Value::Integer),
             Kind::Number(..) => text.parse().ok().map(toml::Value::Float),

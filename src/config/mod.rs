@@ -11,11 +11,16 @@ mod raw;
 mod resolve;
 mod machines;
 mod notify;
+mod access;
 mod ingest;
 mod live;
 
+pub use access::Access;
+pub use access::Exposure;
+pub use access::Identity;
+pub use access::Tls;
+pub use access::TokenList;
 pub use ingest::Ingest;
-pub use ingest::Token;
 pub use live::Live;
 pub use live::Subscription;
 
@@ -28,6 +33,7 @@ use crate::machine::Machine;
 use crate::notify::settings as receivers;
 use crate::pipeline;
 use crate::store::trends::Retention;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
 use std::net::Ipv4Addr;
@@ -42,8 +48,10 @@ pub const REFERENCE: &str = include_str!("../../config/default.toml");
 /// The validated configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
-    /// Where HTTP is served; a loopback address. Port 0: any free port.
+    /// Where HTTP is served. Port 0: any free port.
     pub bind: SocketAddr,
+    /// Who may reach it.
+    pub access: Access,
     /// How senders of samples are let in.
     pub ingest: Ingest,
     /// Where recordings are kept.
@@ -164,6 +172,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             bind: SocketAddr::from((Ipv4Addr::LOCALHOST, 8080)),
+            access: Access::default(),
             ingest: Ingest::default(),
             store: Store::default(),
             recording: None,
@@ -221,7 +230,15 @@ impl std::error::Error for ConfigErrors {}
 /// # Errors
 /// With every mistake found, each with its place.
 pub fn load(path: &Path) -> Result<Config, ConfigErrors> {
-    load_with(path, std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v))))
+    load_as(path, Exposure::Guarded)
+}
+
+/// As [`load`], for a daemon that was started so.
+///
+/// # Errors
+/// With every mistake found, each with its place.
+pub fn load_as(path: &Path, exposure: Exposure) -> Result<Config, ConfigErrors> {
+    read(path, std::env::vars_os().filter_map(|(k, v)| Some((k.into_string().ok()?, v))), exposure)
 }
 
 /// Reads and validates the configuration file at `path` with `environment` over it.
@@ -232,6 +249,38 @@ pub fn load_with(
     path: &Path,
     environment: impl IntoIterator<Item = (String, std::ffi::OsString)>,
 ) -> Result<Config, ConfigErrors> {
+    read(path, environment, Exposure::Guarded)
+}
+
+/// Names the file of tokens of a configuration, whatever else is wrong with it; `None`: it has none.
+///
+/// # Errors
+/// When the configuration cannot be read.
+pub fn token_file(path: &Path) -> Result<Option<PathBuf>, ConfigErrors> {
+    let environment = std::env::vars_os();
+    let environment = environment.filter_map(|(k, v)| Some((k.into_string().ok()?, v)));
+    let (merged, ..) = merged(path, environment)?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    Ok(merged.server.token_file.filter(|file| !file.is_empty()).map(|file| base.join(file)))
+}
+
+fn read(
+    path: &Path,
+    environment: impl IntoIterator<Item = (String, std::ffi::OsString)>,
+    exposure: Exposure,
+) -> Result<Config, ConfigErrors> {
+    let (merged, mut scan, variables) = merged(path, environment)?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    let mut config = resolve::config(merged, base, &mut scan, &variables, exposure);
+    config.files.0.push(path.to_owned());
+    if scan.problems.is_empty() { Ok(config) } else { Err(ConfigErrors(scan.problems)) }
+}
+
+/// What stands in the file with the environment over it, and the mistakes so far.
+fn merged(
+    path: &Path,
+    environment: impl IntoIterator<Item = (String, std::ffi::OsString)>,
+) -> Result<(raw::Raw, scan::Scan, BTreeMap<String, String>), ConfigErrors> {
     let text = fs::read_to_string(path).map_err(|error| {
         ConfigErrors(vec![Problem {
             place: path.display().to_string(),
@@ -247,10 +296,7 @@ pub fn load_with(
             return Err(ConfigErrors(scan.problems));
         }
     };
-    let base = path.parent().unwrap_or(Path::new(""));
-    let mut config = resolve::config(merged, base, &mut scan, &variables);
-    config.files.0.push(path.to_owned());
-    if scan.problems.is_empty() { Ok(config) } else { Err(ConfigErrors(scan.problems)) }
+    Ok((merged, scan, variables))
 }
 
 #[cfg(test)]

@@ -26,6 +26,45 @@ pub(super) struct Raw {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Server {
     pub(super) bind: Option<String>,
+    pub(super) token_file: Option<String>,
+    pub(super) hosts: Names,
+    pub(super) cors_origins: Names,
+    pub(super) tls: Tls,
+}
+
+/// `[server.tls]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Tls {
+    pub(super) cert_file: Option<String>,
+    pub(super) key_file: Option<String>,
+    pub(super) ingest: Option<bool>,
+}
+
+/// A list of names; in the environment separated by commas.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+pub(super) enum Names {
+    Listed(Vec<String>),
+    Joined(String),
+}
+
+impl Default for Names {
+    fn default() -> Self {
+        Self::Listed(Vec::new())
+    }
+}
+
+impl Names {
+    pub(super) fn list(&self) -> Vec<String> {
+        match self {
+            Self::Listed(names) => names.clone(),
+            Self::Joined(text) => {
+                let names = text.split(',').map(str::trim).filter(|name| !name.is_empty());
+                names.map(str::to_owned).collect()
+            }
+        }
+    }
 }
 
 /// `[ingest]`
@@ -33,7 +72,6 @@ pub(super) struct Server {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Ingest {
     pub(super) bind: Option<String>,
-    pub(super) token_file: Option<String>,
     pub(super) max_connections: Option<usize>,
 }
 

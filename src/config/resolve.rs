@@ -3,6 +3,7 @@
 use super::CAPTURES;
 use super::Captures;
 use super::Config;
+use super::Exposure;
 use super::Files;
 use super::RECORDING;
 use super::SourceConfig;
@@ -49,6 +50,7 @@ pub(super) fn config(
     base: &Path,
     scan: &mut Scan,
     variables: &BTreeMap<String, String>,
+    exposure: Exposure,
 ) -> Config {
     let default = Config::default();
     let mut resolver = Resolver { base, scan, variables, files: Vec::new(), knows_machines: true };
@@ -58,9 +60,13 @@ pub(super) fn config(
     let notify = resolver.receivers(raw.notify, &machines);
     let trends = retention(&raw.store, default.store.trends);
     let monitor = resolver.monitor(&raw.pipeline, &raw.alarms, default.monitor);
+    let access = resolver.access(&raw.server, exposure);
+    let bind = resolver.bind(raw.server.bind).unwrap_or(default.bind);
+    resolver.check_exposure("server.bind", bind, &access);
     let config = Config {
-        bind: resolver.bind(raw.server.bind).unwrap_or(default.bind),
-        ingest: resolver.ingest(raw.ingest),
+        bind,
+        ingest: resolver.ingest(raw.ingest, &access),
+        access,
         store: Store {
             directory: base
                 .join(raw.store.directory.map_or(default.store.directory, PathBuf::from)),
@@ -106,7 +112,7 @@ impl Resolver<'_> {
     /// Notes a mistake where the value came from: the environment, else the file.
     pub(super) fn report(&mut self, path: &str, message: String) {
         let variable = path
-            .split_once('.')
+            .rsplit_once('.')
             .and_then(|(section, name)| keys::find(section, name)?.variable())
             .filter(|variable| self.variables.contains_key(variable));
         match variable {
@@ -127,16 +133,6 @@ impl Resolver<'_> {
             );
             return None;
         };
-        if !address.ip().is_loopback() {
-            self.report(
-                "server.bind",
-                format!(
-                    "{address} can be reached from other hosts, and this version has no access \
-                     tokens: bind 127.0.0.1 or [::1] and let a reverse proxy with authentication \
-                     forward to it"
-                ),
-            );
-        }
         Some(address)
     }
 

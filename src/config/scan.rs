@@ -91,7 +91,8 @@ pub(super) fn environment(
         let upper = name.to_uppercase();
         let Some(rest) = upper.strip_prefix(PREFIX) else { continue };
         let path = rest.to_lowercase();
-        let key = path.split_once("__").and_then(|(section, key)| keys::find(section, key));
+        let key = path.rsplit_once("__");
+        let key = key.and_then(|(section, key)| keys::find(&section.replace("__", "."), key));
         let checked = match (key.filter(|key| key.variable().is_some()), value.to_str()) {
             (Some(key), Some(text)) => key.check_text(text),
             (Some(_), None) => Err("the value is not UTF-8".to_owned()),
@@ -204,13 +205,26 @@ fn check_entries(section: &str, path: &str, entries: &toml::Table, scan: &mut Sc
     let mut passed = toml::Table::new();
     for (name, value) in entries {
         let place = format!("{path}.{name}");
+        let below = format!("{section}.{name}");
+        if keys::SECTIONS.contains(&below.as_str()) {
+            let Some(entries) = value.as_table() else {
+                scan.report(&place, format!("write it as [{below}]"));
+                continue;
+            };
+            let inner = check_entries(&below, &place, entries, scan);
+            passed.insert(name.clone(), toml::Value::Table(inner));
+            continue;
+        }
         match keys::find(section, name).map(|key| key.check(value)) {
             Some(Ok(())) => {
                 passed.insert(name.clone(), value.clone());
             }
             Some(Err(message)) => scan.report(&place, message),
             None => {
-                let message = format!("unknown key, allowed here: {}", keys::names_of(section));
+                let message = match keys::moved(section, name) {
+                    Some(remedy) => remedy.to_owned(),
+                    None => format!("unknown key, allowed here: {}", keys::names_of(section)),
+                };
                 scan.report(&place, message);
             }
         }

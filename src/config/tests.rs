@@ -4,6 +4,7 @@ use super::*;
 use crate::capture::hints::Hints;
 use crate::units::Hz;
 use std::ffi::OsString;
+use std::os::unix::fs::PermissionsExt;
 use tempfile::TempDir;
 
 const MACHINE: &str =
@@ -116,10 +117,10 @@ machine = "rig-2"
 speed = "fast"
 "#;
     let expected = [
-        "4:1: server.port: unknown key, allowed here: bind",
+        "4:1: server.port: unknown key, allowed here: bind, token_file, hosts, cors_origins",
         "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
         "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
-        "9:2: alarm: unknown key, allowed here: server, ingest, store, recording, captures, pipeline, diagnosis, alarms, machine, source",
+        "9:2: alarm: unknown key, allowed here: server, server.tls, ingest, store, recording, captures, pipeline, diagnosis, alarms, machine, source",
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
@@ -180,20 +181,120 @@ fn senders_need_tokens_where_others_reach_and_no_message_shows_one() {
     let open = format!("[ingest]\nbind = \"0.0.0.0:8081\"\n{tcp}");
     let found = mistakes(&open, &[]);
     assert!(found[0].starts_with("2:1: ingest.bind: 0.0.0.0:8081 can be reached"), "{found:#?}");
-    let with = |tokens: &str| {
-        let dir = folder(&open.replace("[ingest]\n", "[ingest]\ntoken_file = \"tokens\"\n"));
-        fs::write(dir.path().join("tokens"), tokens).unwrap();
+    let moved = mistakes(&format!("[ingest]\ntoken_file = \"tokens\"\n{tcp}"), &[]);
+    assert!(moved[0].contains("rotorwatch token create --role ingest"), "{moved:#?}");
+    // Private, or whoever may read or change it decides who comes in.
+    let with = |tokens: &str, mode: u32| {
+        let dir = folder(&format!("[server]\ntoken_file = \"tokens\"\n{open}"));
+        let file = dir.path().join("tokens");
+        fs::write(&file, tokens).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
         load_with(&dir.path().join("serve.toml"), [])
     };
-    let config = with("# ours\n\n0123456789abcdef\n  fedcba9876543210  \n").unwrap();
-    let known = |text: &str| config.ingest.tokens.iter().any(|token| token.is(text));
-    assert!(known("0123456789abcdef") && known("fedcba9876543210"));
-    assert!(!known("0123456789abcdeF") && !known("") && !known("# ours"));
-    assert!(!format!("{config:?}").contains("0123456789abcdef"));
-    for tokens in ["", "# none\n", "0123456789abcde\n"] {
-        let errors = with(tokens).unwrap_err().to_string();
-        assert!(errors.contains("ingest.token_file") && !errors.contains("0123"), "{errors}");
+    let list = format!("[[token]]\nlabel = 'a'\nrole = 'ingest'\nsha256 = '{}'\n", "7f".repeat(32));
+    for mode in [0o600, 0o400, 0o640] {
+        let config = with(&list, mode).unwrap();
+        assert_eq!(
+            config.access.tokens.as_ref().unwrap().0.labels().into_iter().collect::<Vec<_>>(),
+            ["a"]
+        );
+        assert!(!format!("{config:?}").contains("7f7f"));
     }
+    for mode in [0o644, 0o604, 0o660, 0o602] {
+        let errors = with(&list, mode).unwrap_err().to_string();
+        assert!(errors.contains("server.token_file") && errors.contains("chmod 600"), "{errors}");
+    }
+    // Without any token nobody comes in.
+    assert!(with("", 0o600).unwrap().access.tokens.is_some());
+    for wrong in ["rotorwatch_7f7f7f7f", "[[token]]\nlabel = 'rotorwatch_7f7f7f7f'\n"] {
+        let errors = with(wrong, 0o600).unwrap_err().to_string();
+        assert!(errors.contains("server.token_file") && !errors.contains("7f7f"), "{errors}");
+    }
+    let missing = format!("[server]\ntoken_file = \"none\"\n{tcp}");
+    assert!(mistakes(&missing, &[])[0].contains("none cannot be read"));
+}
+
+#[test]
+fn an_address_that_others_reach_needs_tokens_or_the_word_insecure() {
+    let dir = folder(&format!("[server]\nbind = \"192.0.2.1:8080\"\n{RIG}"));
+    let file = dir.path().join("serve.toml");
+    let refused = load_with(&file, []).unwrap_err().to_string();
+    assert!(refused.contains("192.0.2.1:8080 can be reached from other hosts"), "{refused}");
+    assert!(refused.contains("token_file") && refused.contains("--insecure"), "{refused}");
+    let insecure = read(&file, [], Exposure::Insecure).unwrap();
+    assert_eq!((insecure.access.exposure, insecure.access.tokens), (Exposure::Insecure, None));
+}
+
+#[test]
+fn names_and_origins_are_lists_in_the_file_and_texts_in_the_environment() {
+    let text = format!(
+        "[server]\nhosts = [\"monitor.example.org\", \"gate:9000\"]\ncors_origins = [\"https://a.example\"]\n{RIG}"
+    );
+    let access = load_text(&text, &[]).unwrap().access;
+    assert_eq!(access.hosts, ["monitor.example.org", "gate:9000"]);
+    assert_eq!(access.cors_origins, ["https://a.example"]);
+    let environment = [("ROTORWATCH__SERVER__HOSTS", "a.example, b:1")];
+    assert_eq!(load_text(&text, &environment).unwrap().access.hosts, ["a.example", "b:1"]);
+    for (key, wrong) in [
+        ("hosts", "http://a.example"),
+        ("hosts", "u@a.example"),
+        ("hosts", ""),
+        ("cors_origins", "*"),
+        ("cors_origins", "https://a.example/x"),
+        ("cors_origins", "a.example"),
+    ] {
+        let text = format!("[server]\n{key} = [\"{wrong}\"]\n{RIG}");
+        let found = mistakes(&text, &[]);
+        assert!(
+            found[0].starts_with(&format!("2:1: server.{key}: {wrong:?} is not")),
+            "{found:#?}"
+        );
+    }
+}
+
+fn certificate(name: &str) -> (String, String) {
+    let made = rcgen::generate_simple_self_signed(vec![name.to_owned()]).unwrap();
+    (made.cert.pem(), made.signing_key.serialize_pem())
+}
+
+#[test]
+fn a_certificate_must_be_that_of_its_key_and_the_key_private() {
+    let tls = "[server.tls]\ncert_file = \"cert.pem\"\nkey_file = \"key.pem\"\n";
+    let with = |(cert, key): (&str, &str), mode: u32| {
+        let dir = folder(&format!("{tls}{RIG}"));
+        fs::write(dir.path().join("cert.pem"), cert).unwrap();
+        let file = dir.path().join("key.pem");
+        fs::write(&file, key).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
+        load_with(&dir.path().join("serve.toml"), [])
+    };
+    let ((cert, key), (other_cert, other_key)) = (certificate("a"), certificate("b"));
+    let right = with((&cert, &key), 0o600).unwrap();
+    assert_eq!(right.files.0.len(), 6 - 2, "both are followed: {:?}", right.files.0);
+    let other = with((&other_cert, &other_key), 0o600).unwrap();
+    assert_ne!(right.access.tls, other.access.tls);
+    assert_eq!(
+        format!("{:?}", right.access.tls),
+        format!("{:?}", other.access.tls),
+        "no part of a hash"
+    );
+    for ((cert, key), mode, expected) in [
+        (
+            (cert.as_str(), other_key.as_str()),
+            0o600,
+            "the key is not that of the first certificate",
+        ),
+        (("none", key.as_str()), 0o600, "holds no certificates"),
+        ((cert.as_str(), "none"), 0o600, "holds no private key"),
+        ((cert.as_str(), key.as_str()), 0o644, "chmod 600"),
+    ] {
+        let errors = with((cert, key), mode).unwrap_err().to_string();
+        assert!(errors.contains(expected) && !errors.contains(key), "{expected}: {errors}");
+    }
+    let half = mistakes(&format!("[server.tls]\ncert_file = \"cert.pem\"\n{RIG}"), &[]);
+    assert!(half[0].contains("server.tls: cert_file and key_file are both needed"), "{half:#?}");
+    let flat = mistakes(&format!("[server]\ntls = true\n{RIG}"), &[]);
+    assert!(flat[0].contains("write it as [server.tls]"), "{flat:#?}");
 }
 
 #[test]

@@ -36,8 +36,8 @@ pub struct AuditEntry {
 pub struct AuditQuery {
     /// With a number below this one.
     pub before: u64,
-    /// On this machine.
-    pub machine: Option<String>,
+    /// On these machines.
+    pub machines: Option<Vec<String>>,
     /// By this author.
     pub author: Option<String>,
     /// At this time or later.
@@ -76,7 +76,8 @@ impl AuditLog for SqliteEvents {
         let mut statement = connection
             .prepare_cached(
                 "SELECT id, recorded_utc, author, action, machine, number, baseline, comment FROM audit
-                 WHERE id < ?1 AND (?2 IS NULL OR machine = ?2) AND (?3 IS NULL OR author = ?3)
+                 WHERE id < ?1 AND (?2 IS NULL OR instr(?2, char(10) || machine || char(10)) > 0)
+                 AND (?3 IS NULL OR author = ?3)
                  AND (?4 IS NULL OR recorded_utc >= ?4) ORDER BY id DESC LIMIT ?5",
             )
             .map_err(reading)?;
@@ -95,7 +96,7 @@ impl AuditLog for SqliteEvents {
         let found = statement.query_map(
             params![
                 whole(query.before),
-                query.machine,
+                rows::names(query.machines.as_deref()),
                 query.author,
                 query.since.map(|since| since.0),
                 limited(query.limit)
@@ -160,9 +161,13 @@ mod tests {
         let found = log.audit(&query).unwrap().remove(0);
         assert_eq!((found.author.as_str(), found.action.as_str()), ("A. Berg", "shelved"));
         assert_eq!((found.machine.as_deref(), found.comment.as_str()), (Some("rig-1"), "new oil"));
+        let two = Some(vec!["rig-2".to_owned(), "rig-1".to_owned()]);
+        assert_eq!(alarms(&AuditQuery { machines: two, ..query.clone() }), [5, 4, 3]);
         let later = found.at.plus_seconds(1.0);
         for none in [
-            AuditQuery { machine: Some("rig-2".to_owned()), ..query.clone() },
+            AuditQuery { machines: Some(vec!["rig-2".to_owned()]), ..query.clone() },
+            AuditQuery { machines: Some(vec!["ig-1".to_owned()]), ..query.clone() },
+            AuditQuery { machines: Some(Vec::new()), ..query.clone() },
             AuditQuery { author: Some("M. Ito".to_owned()), ..query.clone() },
             AuditQuery { since: Some(later), ..query },
         ] {

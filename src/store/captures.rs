@@ -5,6 +5,7 @@
 
 use super::Act;
 use super::StoreError;
+use super::rows;
 use super::rows::whole;
 use super::sqlite;
 use super::sqlite::failed;
@@ -111,8 +112,8 @@ pub struct Ending {
 /// Which captures to list.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CaptureQuery {
-    /// Of this machine only.
-    pub machine: Option<String>,
+    /// Of these machines only.
+    pub machines: Option<Vec<String>>,
     /// Of this alarm of the machine only.
     pub alarm: Option<u64>,
     /// Those before the one with this id.
@@ -371,7 +372,7 @@ impl CaptureIndex for SqliteCaptures {
         let read_all = || -> rusqlite::Result<Vec<(CaptureEntry, String)>> {
             let sql = format!(
                 "SELECT {COLUMNS} FROM capture
-                 WHERE (?1 IS NULL OR machine = ?1)
+                 WHERE (?1 IS NULL OR instr(?1, char(10) || machine || char(10)) > 0)
                  AND (?2 IS NULL OR id IN
                     (SELECT capture FROM alarm_capture WHERE number = ?2 AND machine = capture.machine))
                  AND (?3 IS NULL OR seq < (SELECT seq FROM capture AS last WHERE last.id = ?3))
@@ -379,7 +380,12 @@ impl CaptureIndex for SqliteCaptures {
             );
             let mut statement = connection.prepare_cached(&sql)?;
             let limit = whole(query.limit as u64);
-            let values = params![query.machine, query.alarm.map(whole), query.after, limit];
+            let values = params![
+                rows::names(query.machines.as_deref()),
+                query.alarm.map(whole),
+                query.after,
+                limit
+            ];
             statement.query_map(values, read)?.collect()
         };
         let found = read_all().map_err(reading)?;

@@ -80,12 +80,12 @@ fn lists_are_newest_first_by_machine_and_alarm_and_in_pages() {
     let after = Some("a-00000002".to_owned());
     let second = index.list(&CaptureQuery { after, ..query.clone() }).unwrap();
     assert_eq!(ids(&second), ["b-00000001", "a-00000001"]);
-    let machine = Some("b".to_owned());
+    let machines = Some(vec!["b".to_owned()]);
     assert_eq!(
-        ids(&index.list(&CaptureQuery { machine, ..query.clone() }).unwrap()),
+        ids(&index.list(&CaptureQuery { machines, ..query.clone() }).unwrap()),
         ["b-00000001"]
     );
-    let of_alarm = CaptureQuery { machine: Some("a".to_owned()), alarm: Some(11), ..query };
+    let of_alarm = CaptureQuery { machines: Some(vec!["a".to_owned()]), alarm: Some(11), ..query };
     assert_eq!(ids(&index.list(&of_alarm).unwrap()), ["a-00000001"], "not b's alarm 11");
 }
 

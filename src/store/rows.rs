@@ -32,6 +32,11 @@ pub(super) fn places(columns: &str) -> String {
     vec!["?"; columns.split(',').count()].join(", ")
 }
 
+/// Names as one text, each between line ends: what `instr` looks into. No id has a line end.
+pub(super) fn names(names: Option<&[String]>) -> Option<String> {
+    names.map(|names| names.iter().fold("\n".to_owned(), |text, name| text + name + "\n"))
+}
+
 /// An integer of the database; above 2⁶³ none is ever reached by counting.
 pub(super) fn whole(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)

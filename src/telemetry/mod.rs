@@ -3,10 +3,12 @@
 //! Metrics have no global: one [`Metrics`] is made by `app` and handed on. Must not know machines,
 //! diagnoses or HTTP.
 
+mod access;
 mod configuration;
 mod log;
 mod meters;
 
+pub use access::AccessMetrics;
 pub use configuration::ConfigurationMetrics;
 pub use log::LOG_VARIABLE;
 pub use log::LogError;
@@ -123,6 +125,7 @@ pub struct Metrics {
     ingested: Family<FateLabels, Counter>,
     clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
     configuration: ConfigurationMetrics,
+    access: AccessMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -178,6 +181,7 @@ impl Metrics {
             ingested: Family::default(),
             clock_drift: Family::default(),
             configuration: ConfigurationMetrics::default(),
+            access: AccessMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -213,6 +217,7 @@ impl Metrics {
         metrics.register_room(&mut registry);
         metrics.register_ingest(&mut registry);
         metrics.configuration.register(&mut registry);
+        metrics.access.register(&mut registry);
         metrics.registry = registry;
         metrics
     }

@@ -112,6 +112,11 @@ fn rules_and_documents_name_only_metrics_that_exist_and_the_document_names_all()
     let _simulation = metrics.simulation("m");
     let _load = metrics.alarm_load("m");
     let _receiver = metrics.receiver("r");
+    let access = metrics.access();
+    let (_denied, _open) = (access.denied("missing"), access.insecure("no_tokens"));
+    let _fate = metrics.ingested("m", "c", "used");
+    let _refusal = metrics.ingest().refused("unauthorised");
+    metrics.clock_drift("m", "c").set(1.0);
     let text = metrics.encode();
     let samples: String = text.lines().filter(|line| !line.starts_with('#')).collect();
     let exist = named(&samples);
@@ -121,6 +126,25 @@ fn rules_and_documents_name_only_metrics_that_exist_and_the_document_names_all()
     assert!(in_rules.len() > 10);
     let unknown: Vec<_> = in_rules.difference(&exist).collect();
     assert!(unknown.is_empty(), "{unknown:?}");
+    let dashboard: serde_json::Value =
+        serde_json::from_str(include_str!("../../deploy/grafana-dashboard.json")).unwrap();
+    let panels = dashboard["panels"].as_array().unwrap();
+    assert!(panels.len() > 10);
+    for panel in panels {
+        let queries: Vec<&str> = panel["targets"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|t| t["expr"].as_str().unwrap())
+            .collect();
+        assert!(!queries.is_empty(), "{panel}");
+        for query in queries {
+            let names = named(query);
+            assert!(!names.is_empty(), "{query}");
+            let unknown: Vec<_> = names.difference(&exist).collect();
+            assert!(unknown.is_empty(), "{unknown:?} in {query}");
+        }
+    }
     let mut documented = named(include_str!("../../docs/operating.md"));
     documented.insert("rotorwatch_verdict_latency_seconds_bucket".to_owned());
     documented.insert("rotorwatch_verdict_latency_seconds_count".to_owned());

@@ -4,6 +4,8 @@
 #![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 
 mod support;
+mod access;
+mod tools;
 mod scene;
 mod impulses;
 mod command_line;

@@ -5,6 +5,8 @@ use crate::support::Daemon;
 use std::io::Read;
 use std::io::Write;
 use std::net::TcpStream;
+use std::os::unix::net::UnixDatagram;
+use std::time::Duration;
 
 const BROKEN_SOURCE: &str = r#"
 [[machine]]
@@ -29,6 +31,31 @@ fn a_failed_source_does_not_end_the_daemon() {
     assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
     assert!(ended.stderr.contains("source failed"), "{}", ended.stderr);
     assert!(ended.stderr.contains("broken.h5"), "{}", ended.stderr);
+}
+
+#[test]
+fn the_service_manager_is_told_of_the_start_the_life_and_the_end() {
+    let sockets = tempfile::tempdir().unwrap();
+    let path = sockets.path().join("notify");
+    let socket = UnixDatagram::bind(&path).unwrap();
+    socket.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    let told = || {
+        let mut buffer = [0; 1024];
+        let n = socket.recv(&mut buffer).unwrap();
+        String::from_utf8(buffer[..n].to_vec()).unwrap()
+    };
+    let dir = support::folder("[server]\nbind = \"127.0.0.1:0\"\n", &[]);
+    let daemon = Daemon::start_with(dir, |command| {
+        command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "150000");
+    });
+    // It may have said that it lives before it was ready.
+    let first = std::iter::repeat_with(told).find(|text| !text.starts_with("WATCHDOG")).unwrap();
+    assert_eq!(first, format!("READY=1\nSTATUS=listening on {}\n", daemon.base_url));
+    assert_eq!(told(), "WATCHDOG=1\n");
+    daemon.signal("TERM");
+    let last = std::iter::repeat_with(told).find(|text| !text.starts_with("WATCHDOG")).unwrap();
+    assert_eq!(last, "STOPPING=1\n");
+    assert_eq!(daemon.wait().status.code(), Some(0));
 }
 
 #[test]

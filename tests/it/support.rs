@@ -166,6 +166,13 @@ impl Daemon {
         Self::spawn(command, dir)
     }
 
+    /// As [`Self::start_in`], with another command line or environment.
+    pub(crate) fn start_with(dir: TempDir, change: impl FnOnce(&mut Command)) -> Self {
+        let mut command = serve(&dir);
+        change(&mut command);
+        Self::spawn(command, dir)
+    }
+
     /// As [`Self::start_in`], with the log at `level`.
     pub(crate) fn start_logging(dir: TempDir, level: &str) -> Self {
         let mut command = serve(&dir);
@@ -210,6 +217,12 @@ impl Daemon {
     pub(crate) fn get_text(&self, path: &str) -> (u16, String) {
         let mut response = agent().get(format!("{}{path}", self.base_url)).call().unwrap();
         (response.status().as_u16(), response.body_mut().read_to_string().unwrap())
+    }
+
+    /// Text of a `GET` of a content type.
+    pub(crate) fn get_text_as(&self, path: &str, accept: &str) -> String {
+        let request = agent().get(format!("{}{path}", self.base_url)).header("accept", accept);
+        request.call().unwrap().body_mut().read_to_string().unwrap()
     }
 
     /// Status and document of a `GET`, whatever the status.

@@ -148,7 +148,7 @@ async fn bad_acknowledgements_are_refused() {
     for (body, part) in [
         ("", "EOF"),
         ("{", "EOF"),
-        ("{}", "missing field `author`"),
+        ("{}", "must not be empty"),
         (r#"{ "author": "  " }"#, "must not be empty"),
         (r#"{ "author": 5 }"#, "author: invalid type"),
         (r#"{ "author": "a", "comment": "b", "extra": 1 }"#, "unknown field `extra`"),

@@ -87,3 +87,31 @@ async fn long_answers_are_compressed_when_asked() {
     assert!(packed.body.len() < plain.body.len() / 2);
     assert_eq!(packed.body.as_ref().bytes().next().unwrap().unwrap(), 0x1f, "gzip's first byte");
 }
+
+#[tokio::test]
+async fn what_a_client_holds_is_not_sent_again() {
+    let service = Service::new();
+    for path in [
+        "/api/v1/machines/rig-1/health",
+        "/api/v1/machines/rig-1/diagnosis",
+        "/api/v1/machines/rig-1/channels/right_x/spectrum",
+    ] {
+        let whole = service.get(path).await;
+        assert_eq!(
+            (whole.status.as_u16(), whole.header("cache-control")),
+            (200, "private, no-cache")
+        );
+        let tag = whole.header("etag").to_owned();
+        assert!(tag.starts_with("W/\""), "{tag}");
+        for held in [tag.clone(), format!("\"x\", {tag}"), tag[2..].to_owned(), "*".to_owned()] {
+            let answer = service.send(Request::get(path).header("if-none-match", held)).await;
+            assert_eq!((answer.status.as_u16(), answer.header("etag")), (304, tag.as_str()));
+            assert!(answer.body.is_empty());
+        }
+        let other = service.send(Request::get(path).header("if-none-match", "\"x\"")).await;
+        assert_eq!((other.status.as_u16(), &other.body), (200, &whole.body));
+    }
+    let missing =
+        service.send(Request::get("/api/v1/machines/rig-9/health").header("if-none-match", "*"));
+    missing.await.problem(404);
+}

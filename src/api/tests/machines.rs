@@ -168,3 +168,20 @@ async fn every_described_path_is_served() {
     }
     assert_eq!(n_paths, 42);
 }
+
+#[test]
+fn the_document_has_the_words_that_are_sent() {
+    fn words(value: &serde_json::Value, found: &mut Vec<String>) {
+        if let Some(list) = value["enum"].as_array() {
+            found.extend(list.iter().filter_map(|word| word.as_str()).map(str::to_owned));
+        }
+        let below = value.as_object().into_iter().flat_map(|map| map.values());
+        below.chain(value.as_array().into_iter().flatten()).for_each(|inner| words(inner, found));
+    }
+    let document = serde_json::from_str(&crate::api::openapi_text()).unwrap();
+    let mut found = Vec::new();
+    words(&document, &mut found);
+    assert!(found.iter().any(|word| word == "inner_race"), "{found:?}");
+    let wrong: Vec<_> = found.iter().filter(|word| word.starts_with(char::is_uppercase)).collect();
+    assert!(wrong.is_empty(), "names of the code, not of the interface: {wrong:?}");
+}

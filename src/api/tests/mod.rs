@@ -1,5 +1,6 @@
 //! The service over a small shard thread with known signals: answers, refusals, limits.
 
+mod access;
 mod alarms;
 pub(super) mod baselines;
 pub(super) mod events;

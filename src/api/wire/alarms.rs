@@ -203,8 +203,9 @@ pub struct MachineLoadWire {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ActBody {
-    /// Who acts; not empty.
-    #[schema(min_length = 1, max_length = 2000)]
+    /// Who acts, not empty; with a token its label is who, whatever stands here.
+    #[serde(default)]
+    #[schema(max_length = 2000)]
     pub author: String,
     /// Why, or what was done.
     #[serde(default)]
@@ -216,8 +217,9 @@ pub struct ActBody {
 #[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShelveBody {
-    /// Who acts; not empty.
-    #[schema(min_length = 1, max_length = 2000)]
+    /// Who acts, not empty; with a token its label is who, whatever stands here.
+    #[serde(default)]
+    #[schema(max_length = 2000)]
     pub author: String,
     /// Why.
     #[serde(default)]

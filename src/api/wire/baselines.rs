@@ -106,7 +106,8 @@ pub struct LearnedWire {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LearnBody {
-    /// Who calls the machine healthy.
+    /// Who calls the machine healthy; with a token its label is who, whatever stands here.
+    #[serde(default)]
     pub author: String,
     /// Why, or of what.
     #[serde(default)]

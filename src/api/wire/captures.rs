@@ -55,8 +55,9 @@ pub struct CaptureListWire {
 #[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureBody {
-    /// Who asks; not empty.
-    #[schema(min_length = 1, max_length = 2000)]
+    /// Who asks, not empty; with a token its label is who, whatever stands here.
+    #[serde(default)]
+    #[schema(max_length = 2000)]
     pub author: String,
     /// Why.
     #[serde(default)]

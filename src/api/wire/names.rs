@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 macro_rules! names {
-    ($(#[doc = $doc:literal])* $wire:ident of $domain:ty { $($variant:ident = $name:literal,)+ }) => {
+    ($(#[doc = $doc:literal])* $wire:ident of $domain:ty { $($variant:ident = $name:tt,)+ }) => {
         $(#[doc = $doc])*
         #[derive(
             Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, ToSchema,

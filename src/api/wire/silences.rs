@@ -44,8 +44,9 @@ pub struct AdvanceWire {
 #[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AnnounceBody {
-    /// Who acts; not empty.
-    #[schema(min_length = 1, max_length = 2000)]
+    /// Who acts, not empty; with a token its label is who, whatever stands here.
+    #[serde(default)]
+    #[schema(max_length = 2000)]
     pub author: String,
     /// Why.
     #[serde(default)]

@@ -31,6 +31,8 @@ pub struct SystemWire {
     pub configuration: Option<ConfigurationStateWire>,
     /// When the daemon started, wall clock.
     pub started_at: Option<String>,
+    /// Who may reach it.
+    pub security: SecurityWire,
     /// How the store of alarms is doing; null without one.
     pub store: Option<StoreWire>,
     /// Who is notified, and how that goes.
@@ -41,6 +43,21 @@ pub struct SystemWire {
     pub trends: Option<TrendStoreWire>,
     /// One entry a machine.
     pub streams: Vec<StreamWire>,
+}
+
+/// Who may reach the daemon.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct SecurityWire {
+    /// Whether everybody needs a token.
+    pub tokens: bool,
+    /// Whether HTTP is encrypted.
+    pub encrypted: bool,
+    /// What is open that should not be; empty if all is well.
+    pub warnings: Vec<String>,
+    /// The label of the token this was asked with; null without one.
+    pub you: Option<String>,
+    /// The role of that token; null without one.
+    pub role: Option<String>,
 }
 
 /// The configuration that holds, and what became of the newest.

@@ -12,9 +12,11 @@ use crate::wire::ErrorCode;
 use crate::wire::Frames;
 use crate::wire::Hello;
 use crate::wire::Message;
+use rustls::ClientConfig;
 use std::collections::BTreeMap;
 use std::collections::VecDeque;
 use std::io;
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 use std::time::Instant;
@@ -37,6 +39,16 @@ pub enum SendError {
         /// Where it was looked for.
         address: String,
         /// The last failure.
+        source: io::Error,
+    },
+    /// The daemon's certificate is not accepted.
+    #[error(
+        "{address}: its certificate or TLS is not accepted; --ca-file names the authority to trust"
+    )]
+    Untrusted {
+        /// Where it was looked for.
+        address: String,
+        /// Why.
         source: io::Error,
     },
     /// The daemon refuses, and will again.
@@ -85,6 +97,8 @@ struct Way {
 #[derive(Debug)]
 pub struct Sender {
     address: Address,
+    /// Whose certificates are accepted.
+    trust: Option<Arc<ClientConfig>>,
     hello: Hello,
     way: Option<Way>,
     kept: VecDeque<Kept>,
@@ -99,11 +113,15 @@ impl Sender {
     ///
     /// # Errors
     /// When the daemon cannot be reached or refuses.
-    pub fn connect(address: &Address, hello: Hello) -> Result<Self, SendError> {
+    pub fn connect(
+        address: &Address,
+        trust: Option<Arc<ClientConfig>>,
+        hello: Hello,
+    ) -> Result<Self, SendError> {
         let address = address.clone();
         let (way, kept) = (None, VecDeque::new());
         let mut sender =
-            Self { address, hello, way, kept, under_way: 0, kept_bytes: 0, n_reconnects: 0 };
+            Self { address, trust, hello, way, kept, under_way: 0, kept_bytes: 0, n_reconnects: 0 };
         sender.reconnect()?;
         sender.n_reconnects = 0;
         Ok(sender)
@@ -236,7 +254,8 @@ impl Sender {
 
     /// Connects and asks where to go on.
     fn greet(&mut self) -> Result<(), Broken> {
-        let line = Line::open(&self.address)?;
+        let line = Line::open(&self.address, self.trust.as_ref(), &self.hello.token);
+        let line = line.map_err(|error| self.not_open(error))?;
         let mut way = Way { line, frames: Frames::default(), credit_bytes: 0 };
         let mut frame = Vec::new();
         self.wire(wire::encode(&Message::Hello(self.hello.clone()), &mut frame))?;
@@ -267,6 +286,20 @@ impl Sender {
         settle(&mut self.kept, (&mut self.under_way, &mut self.kept_bytes), &wanted);
         self.way = Some(way);
         Ok(())
+    }
+
+    /// Why there is no connection: what will not pass is told at once.
+    fn not_open(&self, error: io::Error) -> Broken {
+        let text = error.to_string();
+        if error.kind() == io::ErrorKind::PermissionDenied {
+            return Broken::Fatal(SendError::Refused { code: ErrorCode::Unauthorised, text });
+        }
+        // The TLS library reports whom it does not trust so.
+        if error.kind() == io::ErrorKind::InvalidData {
+            let address = self.address.url();
+            return Broken::Fatal(SendError::Untrusted { address, source: error });
+        }
+        Broken::Line(error)
     }
 
     fn wire(&self, encoded: Result<(), wire::WireError>) -> Result<(), SendError> {

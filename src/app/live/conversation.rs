@@ -5,6 +5,7 @@ use super::Port;
 use super::Seat;
 use super::port::Became;
 use super::port::stopping;
+use crate::access::Token;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::session::Session;
 use crate::wire;
@@ -13,6 +14,7 @@ use crate::wire::Frames;
 use crate::wire::Message;
 use crate::wire::Problem;
 use std::io;
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -21,6 +23,9 @@ pub(super) const POLL: Duration = Duration::from_millis(20);
 
 /// Wait for room in a queue.
 const WAIT: Duration = Duration::from_millis(2);
+
+/// Time between two looks whether a sender's token still holds, s.
+const CHECK_S: f64 = 0.5;
 
 /// Where frames come from and go to.
 pub(super) trait Transport {
@@ -51,9 +56,20 @@ impl From<Refusal> for Ending {
     }
 }
 
+/// How it is known who a sender is.
+pub(super) enum Who {
+    /// By the token in its hello, from this address.
+    Asked(IpAddr),
+    /// It was asked already; `None`: nobody needs a token.
+    Known(Option<Arc<Token>>),
+}
+
 /// A connection under way.
 struct Conversation<'a, T> {
     hub: &'a Hub,
+    who: Who,
+    /// When it was last seen to that who sends may, s.
+    checked_s: f64,
     id: u64,
     peer: &'a str,
     transport: &'a mut T,
@@ -64,11 +80,13 @@ struct Conversation<'a, T> {
 }
 
 /// Listens to a sender until one of both ends it.
-pub(super) fn run(seat: &Seat, peer: &str, transport: &mut impl Transport) {
+pub(super) fn run(seat: &Seat, peer: &str, who: Who, transport: &mut impl Transport) {
     let hub = &*seat.hub;
     let session = Session::new(hub.clock.elapsed_s());
     let mut conversation = Conversation {
         hub,
+        who,
+        checked_s: 0.0,
         id: seat.session,
         peer,
         transport,
@@ -126,6 +144,7 @@ impl<T: Transport> Conversation<'_, T> {
             if self.hub.stop.is_set() {
                 return Err(stopping().into());
             }
+            self.check()?;
             let came = self.transport.receive(&mut frames)?;
             self.session.tick(frames.is_within(), self.hub.clock.elapsed_s())?;
             if let Some(port) = self.port.as_ref().filter(|_| came == Some(0)) {
@@ -161,9 +180,25 @@ impl<T: Transport> Conversation<'_, T> {
         Ok(())
     }
 
+    /// Ends it when its token does.
+    fn check(&mut self) -> Result<(), Ending> {
+        let now_s = self.hub.clock.elapsed_s();
+        if let Who::Known(token) = &self.who
+            && now_s - self.checked_s > CHECK_S
+        {
+            self.checked_s = now_s;
+            self.hub.check(token.as_ref())?;
+        }
+        Ok(())
+    }
+
     fn greet(&mut self, hello: &wire::Hello) -> Result<(), Ending> {
-        self.hub.authorise(&hello.token)?;
-        let port = Arc::clone(self.hub.port(&hello.machine)?);
+        let token = match &self.who {
+            Who::Asked(peer) => self.hub.authorise(&hello.token, Some(*peer))?,
+            Who::Known(token) => token.clone(),
+        };
+        let port = Arc::clone(self.hub.port(&hello.machine, token.as_deref())?);
+        self.who = Who::Known(token);
         let wanted = loop {
             let arrived = self.hub.clock.arrived();
             match port.hello(self.id, (self.peer, arrived), hello)? {

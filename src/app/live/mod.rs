@@ -23,8 +23,12 @@ pub(super) use port::PortPlan;
 
 use super::client::ClientError;
 use super::stop::Stop;
+use crate::access::Denied;
+use crate::access::Door;
+use crate::access::Role;
+use crate::access::Token;
+use crate::app::tls::Tls;
 use crate::config::Ingest;
-use crate::config::Token;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::intake::Arrived;
 use crate::ingest::replay::StreamInfo;
@@ -33,6 +37,7 @@ use crate::telemetry::IngestMetrics;
 use crate::telemetry::Metrics;
 use crate::wire::ErrorCode;
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::PoisonError;
@@ -59,7 +64,9 @@ pub(super) fn unknown_stream() -> StreamInfo {
 /// What every connection shares.
 pub struct Hub {
     ports: BTreeMap<String, Arc<Port>>,
-    tokens: Mutex<Arc<[Token]>>,
+    door: Arc<Door>,
+    /// How senders over TCP are encrypted.
+    tls: Option<Tls>,
     max_connections: usize,
     n_connections: AtomicUsize,
     next_session: AtomicU64,
@@ -79,13 +86,15 @@ impl Hub {
     #[must_use]
     pub(super) fn new(
         config: &Ingest,
+        (door, tls): (Arc<Door>, Option<Tls>),
         ports: Vec<Arc<Port>>,
         metrics: IngestMetrics,
         stop: Arc<Stop>,
     ) -> Self {
         Self {
             ports: ports.into_iter().map(|port| (port.machine().to_owned(), port)).collect(),
-            tokens: Mutex::new(config.tokens.clone().into()),
+            door,
+            tls,
             max_connections: config.max_connections,
             n_connections: AtomicUsize::new(0),
             next_session: AtomicU64::new(0),
@@ -126,34 +135,44 @@ impl Hub {
         }
     }
 
-    /// The machine that a sender names.
-    fn port(&self, machine: &str) -> Result<&Arc<Port>, Refusal> {
+    /// The machine that a sender names, if its token is of it.
+    fn port(&self, machine: &str, who: Option<&Token>) -> Result<&Arc<Port>, Refusal> {
+        let is_there = |port: &&Arc<Port>| {
+            port.live().listens && who.is_none_or(|token| token.sees(port.machine()))
+        };
         // A sender that names none means the only one there is.
-        let mut listening = self.ports.values().filter(|port| port.live().listens);
+        let mut listening = self.ports.values().filter(is_there);
         if let (true, Some(only), None) = (machine.is_empty(), listening.next(), listening.next()) {
             return Ok(only);
         }
-        self.ports.get(machine).filter(|port| port.live().listens).ok_or_else(|| {
+        self.ports.get(machine).filter(is_there).ok_or_else(|| {
             let shown: String = machine.chars().take(100).collect();
             let text = format!("no machine {shown:?} has a source of the kind \"tcp\"");
             Refusal::new(ErrorCode::UnknownMachine, text)
         })
     }
 
-    /// Lets in who has one of these tokens from now on; who is in stays.
-    pub(super) fn set_tokens(&self, tokens: &[Token]) {
-        *self.tokens.lock().unwrap_or_else(PoisonError::into_inner) = tokens.into();
+    /// Who a sender is by the token it says; every configured one is looked at, whatever it begins with.
+    fn authorise(&self, token: &str, peer: Option<IpAddr>) -> Result<Option<Arc<Token>>, Refusal> {
+        let refused = |text: String| Err(Refusal::new(ErrorCode::Unauthorised, text));
+        let said = (!token.is_empty()).then_some(token);
+        match self.door.admit(said, peer) {
+            Ok(Some(token)) if !token.role().may(Role::Ingest) => {
+                self.door.note_role(&token);
+                refused("the token's role does not let it send samples".to_owned())
+            }
+            Ok(who) => Ok(who),
+            Err(Denied::Missing) => refused("a token is needed in the hello".to_owned()),
+            Err(denied) => refused(denied.to_string()),
+        }
     }
 
-    /// Checks a token; every configured one is looked at, whatever it begins with.
-    fn authorise(&self, token: &str) -> Result<(), Refusal> {
-        let tokens = Arc::clone(&self.tokens.lock().unwrap_or_else(PoisonError::into_inner));
-        let is_known = tokens.iter().fold(false, |known, one| known | one.is(token));
-        if tokens.is_empty() || is_known {
+    /// Whether a sender may go on.
+    fn check(&self, who: Option<&Arc<Token>>) -> Result<(), Refusal> {
+        if self.door.holds(who) {
             return Ok(());
         }
-        let text = "the token is missing or none of those in [ingest] token_file";
-        Err(Refusal::new(ErrorCode::Unauthorised, text))
+        Err(Refusal::new(ErrorCode::Unauthorised, "the token was revoked, changed or is over"))
     }
 
     /// Brings the counters of every channel up to date.
@@ -174,11 +193,6 @@ impl Hub {
             brokers.into_iter().map(move |broker| Listener::new(self, &port, &broker))
         };
         self.ports.values().flat_map(of_port).collect()
-    }
-
-    /// Whether senders may connect.
-    pub(super) fn listens(&self) -> bool {
-        self.ports.values().any(|port| port.live().listens)
     }
 
     /// Connections there are.

@@ -4,6 +4,8 @@ use super::Hub;
 use super::conversation;
 use super::conversation::POLL;
 use super::conversation::Transport;
+use super::conversation::Who;
+use crate::access::Token;
 use crate::api::view::IngestOpen;
 use crate::api::view::IngestPipe;
 use crate::causes::with_causes;
@@ -68,20 +70,20 @@ impl Transport for Pipe {
 /// The API's way to the hub.
 #[must_use]
 pub fn handle(hub: Arc<Hub>) -> IngestOpen {
-    Arc::new(move |peer| open(&hub, peer))
+    Arc::new(move |peer, token| open(&hub, peer, token))
 }
 
 /// Starts a conversation over a WebSocket.
 ///
 /// # Errors
 /// When there are too many.
-fn open(hub: &Arc<Hub>, peer: String) -> Result<IngestPipe, Refusal> {
+fn open(hub: &Arc<Hub>, peer: String, token: Option<Arc<Token>>) -> Result<IngestPipe, Refusal> {
     let seat = hub.enter().inspect_err(|refusal| hub.note_refusal(&peer, refusal))?;
     let (to_thread, come) = sync_channel(MESSAGES);
     let (go, from_thread) = mpsc::channel(MESSAGES);
     let name = format!("sender-{}", seat.session);
     let started = thread::Builder::new().name(name).stack_size(STACK_BYTES).spawn(move || {
-        conversation::run(&seat, &peer, &mut Pipe { come, go });
+        conversation::run(&seat, &peer, Who::Known(token), &mut Pipe { come, go });
     });
     started.map_err(|error| {
         let text = format!("a thread cannot be started: {}", with_causes(&error));

@@ -122,7 +122,7 @@ impl Port {
     }
 
     /// From where its samples come.
-    pub(super) fn live(&self) -> &Live {
+    pub(in crate::app) fn live(&self) -> &Live {
         &self.live
     }
 

@@ -4,11 +4,17 @@ use super::Hub;
 use super::conversation;
 use super::conversation::POLL;
 use super::conversation::Transport;
+use super::conversation::Who;
 use crate::app::stop::Stop;
+use crate::app::tls::Tls;
 use crate::wire::Frames;
+use rustls::ServerConnection;
+use rustls::StreamOwned;
 use std::io;
 use std::io::Read;
 use std::io::Write;
+use std::net::Shutdown;
+use std::net::SocketAddr;
 use std::net::TcpListener;
 use std::net::TcpStream;
 use std::sync::Arc;
@@ -27,12 +33,54 @@ const ACCEPT_EVERY: Duration = Duration::from_millis(10);
 /// How long connections may take to end when the daemon does.
 const GRACE: Duration = Duration::from_millis(1500);
 
-/// A connection.
-struct Tcp(TcpStream);
+/// A connection, encrypted or not.
+enum Tcp {
+    Plain(TcpStream),
+    Encrypted(Box<StreamOwned<ServerConnection, TcpStream>>),
+}
+
+impl Tcp {
+    fn new(stream: TcpStream, tls: Option<&Tls>) -> Result<Self, rustls::Error> {
+        let Some(tls) = tls else { return Ok(Self::Plain(stream)) };
+        let connection = ServerConnection::new(tls.config())?;
+        Ok(Self::Encrypted(Box::new(StreamOwned::new(connection, stream))))
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Plain(stream) => stream.read(bytes),
+            Self::Encrypted(stream) => stream.read(bytes),
+        }
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        match self {
+            Self::Plain(stream) => stream.write_all(bytes),
+            Self::Encrypted(stream) => {
+                stream.write_all(bytes)?;
+                stream.flush()
+            }
+        }
+    }
+
+    /// Says that nothing more will be written.
+    fn end(&mut self) {
+        let stream = match self {
+            Self::Plain(stream) => stream,
+            Self::Encrypted(stream) => {
+                stream.conn.send_close_notify();
+                // It may be gone already.
+                let _gone = stream.flush();
+                &mut stream.sock
+            }
+        };
+        let _gone = stream.shutdown(Shutdown::Write);
+    }
+}
 
 impl Transport for Tcp {
     fn receive(&mut self, frames: &mut Frames) -> io::Result<Option<usize>> {
-        match self.0.read(frames.space()) {
+        match self.read(frames.space()) {
             Ok(0) => Ok(None),
             Ok(n) => {
                 frames.filled(n);
@@ -44,7 +92,7 @@ impl Transport for Tcp {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.0.write_all(bytes)
+        self.write_all(bytes)
     }
 }
 
@@ -57,7 +105,7 @@ fn is_waiting(error: &io::Error) -> bool {
 pub(in crate::app) fn run(listener: &TcpListener, hub: &Arc<Hub>, stop: &Stop) {
     loop {
         match listener.accept() {
-            Ok((stream, peer)) => meet(stream, peer.to_string(), hub),
+            Ok((stream, peer)) => meet(stream, peer, hub),
             Err(error) => {
                 if !is_waiting(&error) {
                     // Such as too many open files: told, and tried again.
@@ -80,7 +128,8 @@ pub(in crate::app) fn run(listener: &TcpListener, hub: &Arc<Hub>, stop: &Stop) {
 }
 
 /// Starts the conversation with a sender, or says why there is none.
-fn meet(stream: TcpStream, peer: String, hub: &Arc<Hub>) {
+fn meet(stream: TcpStream, address: SocketAddr, hub: &Arc<Hub>) {
+    let peer = address.to_string();
     let prepared = stream
         .set_nonblocking(false)
         .and_then(|()| stream.set_read_timeout(Some(POLL)))
@@ -89,7 +138,10 @@ fn meet(stream: TcpStream, peer: String, hub: &Arc<Hub>) {
     if prepared.is_err() {
         return; // it is gone already
     }
-    let mut transport = Tcp(stream);
+    let mut transport = match Tcp::new(stream, hub.tls.as_ref()) {
+        Ok(transport) => transport,
+        Err(error) => return tracing::error!(%error, "a sender's connection cannot be encrypted"),
+    };
     let seat = match hub.enter() {
         Ok(seat) => seat,
         Err(refusal) => {
@@ -101,9 +153,9 @@ fn meet(stream: TcpStream, peer: String, hub: &Arc<Hub>) {
     };
     let name = format!("sender-{}", seat.session);
     let started = thread::Builder::new().name(name).stack_size(STACK_BYTES).spawn(move || {
-        conversation::run(&seat, &peer, &mut transport);
+        conversation::run(&seat, &peer, Who::Asked(address.ip()), &mut transport);
         // What is still under way is read and thrown away, so that the last words reach the sender.
-        linger(&mut transport.0);
+        linger(&mut transport);
     });
     if let Err(error) = started {
         tracing::error!(%error, "a thread for a sender cannot be started");
@@ -111,8 +163,8 @@ fn meet(stream: TcpStream, peer: String, hub: &Arc<Hub>) {
 }
 
 /// Ends a connection so that what was written last is not lost to a reset: reads until the sender closes, for a moment.
-fn linger(stream: &mut TcpStream) {
-    let _gone = stream.shutdown(std::net::Shutdown::Write);
+fn linger(stream: &mut Tcp) {
+    stream.end();
     let mut sink = [0; 4096];
     let deadline = crate::app::now() + Duration::from_millis(300);
     while crate::app::now() < deadline {

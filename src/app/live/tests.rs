@@ -7,23 +7,32 @@ use super::Room;
 use super::client::SendError;
 use super::client::Sender;
 use super::conversation;
+use super::conversation::Who;
 use super::line::Address;
 use super::tcp;
+use crate::access::Counters;
+use crate::access::Door;
+use crate::access::Role;
+use crate::access::Secret;
+use crate::access::Token;
+use crate::access::Tokens;
 use crate::app::link::Input;
 use crate::app::link::Link;
 use crate::app::link::ShardQueue;
 use crate::app::queue::Popped;
 use crate::app::stop::Stop;
 use crate::app::tests::machine;
+use crate::app::tls::Tls;
 use crate::app::trouble::Troubles;
 use crate::config::Config;
 use crate::config::FileText;
+use crate::config::Identity;
 use crate::config::Ingest;
 use crate::config::Live;
 use crate::config::MachineConfig;
 use crate::config::SourceConfig;
-use crate::config::Token;
 use crate::ingest::live::ledger::Ledger;
+use crate::signal::Timestamp;
 use crate::telemetry::Metrics;
 use crate::wire;
 use crate::wire::Block;
@@ -60,6 +69,10 @@ struct Running {
 }
 
 fn running(queue_bytes: usize, ingest: Ingest) -> Running {
+    guarded(queue_bytes, ingest, (Arc::new(Door::open()), None))
+}
+
+fn guarded(queue_bytes: usize, ingest: Ingest, guard: (Arc<Door>, Option<Tls>)) -> Running {
     let queue = Arc::new(ShardQueue::new(queue_bytes, 1));
     let metrics = Arc::new(Metrics::new());
     let entry = MachineConfig {
@@ -82,7 +95,8 @@ fn running(queue_bytes: usize, ingest: Ingest) -> Running {
         troubles: Troubles::default(),
     }));
     let stop = Arc::new(Stop::default());
-    let hub = Hub::new(&ingest, vec![Arc::clone(&port)], metrics.ingest(), Arc::clone(&stop));
+    let hub =
+        Hub::new(&ingest, guard, vec![Arc::clone(&port)], metrics.ingest(), Arc::clone(&stop));
     let hub = Arc::new(hub);
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.set_nonblocking(true).unwrap();
@@ -209,7 +223,8 @@ fn wait_for(mut is_so: impl FnMut() -> bool) {
 fn a_sender_that_keeps_to_its_credit_loses_nothing_while_the_analysis_stands_still() {
     // Room for three blocks: two bytes and as single precision and as they came.
     let running = running(300_000, Ingest::default());
-    let mut sender = Sender::connect(&Address::Tcp(running.address.to_string()), hello(1)).unwrap();
+    let mut sender =
+        Sender::connect(&Address::Tcp(running.address.to_string(), false), None, hello(1)).unwrap();
     for sequence in 0..200 {
         send(&mut sender, sequence).unwrap();
     }
@@ -332,7 +347,9 @@ impl conversation::Transport for Falling {
 fn a_conversation_that_panics_gives_its_channels_up() {
     let running = running(1 << 30, Ingest::default());
     let seat = running.hub.enter().unwrap();
-    let talk = thread::spawn(move || conversation::run(&seat, "here", &mut Falling(false)));
+    let talk = thread::spawn(move || {
+        conversation::run(&seat, "here", Who::Known(None), &mut Falling(false))
+    });
     assert!(talk.join().is_err());
     assert_eq!(running.port.view().n_senders, 0);
     assert_eq!(running.hub.n_connections(), 0);
@@ -343,7 +360,7 @@ fn a_conversation_that_panics_gives_its_channels_up() {
 #[test]
 fn a_sender_that_comes_back_waits_for_its_channel_and_one_that_is_new_is_told() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+    let address = Address::Tcp(listener.local_addr().unwrap().to_string(), false);
     let daemon = thread::spawn(move || {
         let welcome = || {
             let wanted = vec![wire::Wanted { sequence: 0, index: 0 }];
@@ -367,9 +384,9 @@ fn a_sender_that_comes_back_waits_for_its_channel_and_one_that_is_new_is_told() 
         raw.say(&Message::Ack(wire::Ack { credit_bytes: 1 << 20, progress }));
         raw.until(|message| matches!(message, Message::Bye(_)).then_some(()));
     });
-    let refused = Sender::connect(&address, hello(1)).unwrap_err();
+    let refused = Sender::connect(&address, None, hello(1)).unwrap_err();
     assert!(matches!(refused, SendError::Refused { code: ErrorCode::ChannelTaken, .. }));
-    let mut sender = Sender::connect(&address, hello(1)).unwrap();
+    let mut sender = Sender::connect(&address, None, hello(1)).unwrap();
     send(&mut sender, 0).unwrap();
     sender.finish(Bye::End).unwrap();
     daemon.join().unwrap();
@@ -431,18 +448,80 @@ fn hostile_senders_get_a_name_and_disturb_nobody() {
     running.end();
 }
 
-#[test]
-fn a_token_is_asked_for_and_never_shown() {
-    let ingest = Ingest { tokens: vec![Token::new("a token of some length")], ..Ingest::default() };
-    assert!(!format!("{ingest:?}").contains("length"));
-    let running = running(1 << 30, ingest);
-    let address = Address::Tcp(running.address.to_string());
-    let with = |token: &str| Hello { token: token.to_owned(), ..hello(1) };
-    for wrong in ["", "a token of some lengtH", "a token of some length "] {
-        let refused = Sender::connect(&address, with(wrong)).unwrap_err();
-        assert!(matches!(refused, SendError::Refused { code: ErrorCode::Unauthorised, .. }));
+/// A door that knows three tokens: one may send, one may not, one may of another machine.
+fn door() -> Arc<Door> {
+    let mut tokens = Tokens::default();
+    for (n, role, machine) in [
+        (1, Role::Ingest, None),
+        (2, Role::Operator, None),
+        (3, Role::Ingest, Some("rig-2".to_owned())),
+    ] {
+        let machines: Vec<String> = machine.into_iter().collect();
+        let token =
+            Token::new(&Secret::of(&[n; 32]), (&n.to_string(), role), &machines, (None, None));
+        tokens.add(token.unwrap()).unwrap();
     }
-    assert!(!format!("{:?}", with("a token of some length")).contains("length"));
-    Sender::connect(&address, with("a token of some length")).unwrap().finish(Bye::End).unwrap();
-    running.end();
+    Arc::new(Door::new(Some(tokens), Counters::default(), Arc::new(|| (Timestamp(0), 0.0))))
+}
+
+#[test]
+fn a_token_is_asked_for_tells_nothing_of_machines_and_ends_what_it_began() {
+    let identity = {
+        let made = rcgen::generate_simple_self_signed(vec!["127.0.0.1".to_owned()]).unwrap();
+        let (cert, key) = (made.cert.pem(), made.signing_key.serialize_pem());
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("ca.pem"), &cert).unwrap();
+        let trust = crate::app::client::tls(Some(&dir.path().join("ca.pem"))).unwrap();
+        (Identity::of_pem(&cert, &key).unwrap(), trust)
+    };
+    let (identity, trust) = identity;
+    for tls in [None, Some(Tls::new(&identity).unwrap())] {
+        let (encrypts, door) = (tls.is_some(), door());
+        let running = guarded(1 << 30, Ingest::default(), (Arc::clone(&door), tls));
+        let address = Address::Tcp(running.address.to_string(), encrypts);
+        let connect = |token: &str, machine: &str| {
+            let (token, machine) = (token.to_owned(), machine.to_owned());
+            Sender::connect(
+                &address,
+                Some(Arc::clone(&trust)),
+                Hello { token, machine, ..hello(1) },
+            )
+        };
+        let secret = |n: u8| Secret::of(&[n; 32]).reveal().to_owned();
+        for wrong in [String::new(), secret(9), secret(1).to_lowercase(), secret(2)] {
+            let refused = connect(&wrong, "rig-1").unwrap_err();
+            assert!(
+                matches!(refused, SendError::Refused { code: ErrorCode::Unauthorised, .. }),
+                "{refused}"
+            );
+        }
+        // A machine that a token is not of, and one that there is not, are refused in the same words.
+        let [other, none] =
+            ["rig-1", "rig-9"].map(|id| connect(&secret(3), id).unwrap_err().to_string());
+        assert_eq!(other.replace("rig-1", ""), none.replace("rig-9", ""));
+        assert!(!format!("{:?}", Hello { token: secret(1), ..hello(1) }).contains(&secret(1)));
+        let mut sender = connect(&secret(1), "rig-1").unwrap();
+        let bytes = [0; 4];
+        let samples = Samples::new(SampleType::I16, &bytes).unwrap();
+        let block = |sequence| Block {
+            stream: 0,
+            sequence,
+            first: 2 * sequence,
+            time_ns: NO_TIME,
+            samples,
+        };
+        sender.send(&block(0), 1 << 20).unwrap();
+        door.set(Tokens::default());
+        // Within a second it is out, and may not come again.
+        let refused = (1..).find_map(|sequence| {
+            thread::sleep(Duration::from_millis(5));
+            sender.send(&block(sequence), 1 << 20).err()
+        });
+        let refused = refused.unwrap();
+        assert!(
+            matches!(refused, SendError::Refused { code: ErrorCode::Unauthorised, .. }),
+            "{refused}"
+        );
+        running.end();
+    }
 }

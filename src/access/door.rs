@@ -1,0 +1,160 @@
+//! The door: says who comes in, and whether who is in may stay.
+
+use super::failures::Failures;
+use super::list::Tokens;
+use super::token::Token;
+use crate::signal::Timestamp;
+use prometheus_client::metrics::counter::Counter;
+use std::fmt;
+use std::net::IpAddr;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::PoisonError;
+use std::sync::RwLock;
+
+/// Longest text that is looked at as a secret, bytes.
+const MAX_SECRET_BYTES: usize = 256;
+
+/// UTC, and seconds of a clock that only goes forward.
+pub type Now = Arc<dyn Fn() -> (Timestamp, f64) + Send + Sync>;
+
+/// Why somebody is not let in.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Denied {
+    /// No token was said.
+    #[error("a token is needed; say it as: authorization: Bearer TOKEN")]
+    Missing,
+    /// No token is like this.
+    #[error("the token is not known here")]
+    Unknown,
+    /// It is over.
+    #[error("the token has expired")]
+    Expired,
+    /// Too many failures of this peer.
+    #[error("too many requests of this address without a right token; try again in {} s", after_s.ceil())]
+    TooMany {
+        /// When another is answered, s.
+        after_s: f64,
+    },
+}
+
+/// Counts of those who were not let in, or not allowed, by reason.
+#[derive(Debug, Clone, Default)]
+pub struct Counters {
+    /// No token.
+    pub missing: Counter,
+    /// An unknown one.
+    pub unknown: Counter,
+    /// One that is over.
+    pub expired: Counter,
+    /// Its role does not allow it.
+    pub role: Counter,
+    /// Answered with "too many" instead.
+    pub limited: Counter,
+}
+
+/// The door. Open as long as it has no tokens.
+pub struct Door {
+    tokens: RwLock<Option<Arc<Tokens>>>,
+    failures: Mutex<Failures>,
+    counters: Counters,
+    now: Now,
+}
+
+impl fmt::Debug for Door {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Door").field("is_open", &self.is_open()).finish_non_exhaustive()
+    }
+}
+
+impl Door {
+    /// A door for these tokens; `None`: an open one.
+    #[must_use]
+    pub fn new(tokens: Option<Tokens>, counters: Counters, now: Now) -> Self {
+        let tokens = RwLock::new(tokens.map(Arc::new));
+        Self { tokens, failures: Mutex::default(), counters, now }
+    }
+
+    /// One that is always open.
+    #[must_use]
+    pub fn open() -> Self {
+        Self::new(None, Counters::default(), Arc::new(|| (Timestamp::default(), 0.0)))
+    }
+
+    fn tokens(&self) -> Option<Arc<Tokens>> {
+        self.tokens.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Whether nobody needs a token.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.tokens().is_none()
+    }
+
+    /// Lets other tokens in from now on. An open door stays open, and one with tokens does not open: the address was bound
+    /// for what it is.
+    pub fn set(&self, tokens: Tokens) {
+        let mut held = self.tokens.write().unwrap_or_else(PoisonError::into_inner);
+        if let Some(held) = held.as_mut() {
+            *held = Arc::new(tokens);
+        }
+    }
+
+    /// Who somebody is by what is said; `None`: nobody needs to be anybody. A right token is let in however often its
+    /// peer has failed, so that nobody can lock others out.
+    ///
+    /// # Errors
+    /// When there is no such token.
+    pub fn admit(
+        &self,
+        secret: Option<&str>,
+        peer: Option<IpAddr>,
+    ) -> Result<Option<Arc<Token>>, Denied> {
+        let Some(tokens) = self.tokens() else { return Ok(None) };
+        let (utc, now_s) = (self.now)();
+        let denied = match secret.map(|secret| (secret.len() <= MAX_SECRET_BYTES, secret)) {
+            None | Some((_, "")) => Denied::Missing,
+            Some((false, _)) => Denied::Unknown,
+            Some((true, secret)) => match tokens.find(secret) {
+                Some(token) if token.is_expired(utc) => Denied::Expired,
+                Some(token) => return Ok(Some(Arc::clone(token))),
+                None => Denied::Unknown,
+            },
+        };
+        let counted = match denied {
+            Denied::Missing => &self.counters.missing,
+            Denied::Unknown | Denied::TooMany { .. } => &self.counters.unknown,
+            Denied::Expired => &self.counters.expired,
+        };
+        let n = counted.inc() + 1;
+        // A flood of failures shall not flood the log: the counter has them all.
+        if n <= 10 || n.is_power_of_two() {
+            let peer = peer.map(|peer| peer.to_string()).unwrap_or_default();
+            tracing::warn!(peer, why = %denied, n, "somebody was not let in");
+        }
+        let Some(peer) = peer else { return Err(denied) };
+        let mut failures = self.failures.lock().unwrap_or_else(PoisonError::into_inner);
+        failures.note(peer, now_s).map_err(|after_s| {
+            self.counters.limited.inc();
+            Denied::TooMany { after_s }
+        })?;
+        Err(denied)
+    }
+
+    /// Counts somebody whose role did not allow what was asked for.
+    pub fn note_role(&self, token: &Token) {
+        let n = self.counters.role.inc() + 1;
+        if n <= 10 || n.is_power_of_two() {
+            let (label, role) = (token.label(), token.role().name());
+            tracing::warn!(label, role, n, "a token's role does not allow what was asked for");
+        }
+    }
+
+    /// Whether who came in so may stay: its token has neither been revoked nor changed, and is not over.
+    #[must_use]
+    pub fn holds(&self, who: Option<&Arc<Token>>) -> bool {
+        let (tokens, Some(token)) = (self.tokens(), who) else { return self.is_open() };
+        let is_held = |tokens: Arc<Tokens>| tokens.iter().any(|one| one == token);
+        !token.is_expired((self.now)().0) && tokens.is_some_and(is_held)
+    }
+}
