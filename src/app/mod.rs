@@ -48,6 +48,7 @@ pub mod daemon;
 use crate::alarms::Moment;
 use crate::config::Config;
 use crate::signal::Timestamp;
+use crate::telemetry;
 use daemon::Daemon;
 use start_error::StartError;
 use std::io::Write;
@@ -63,6 +64,7 @@ use std::time::SystemTime;
 /// # Errors
 /// When the daemon cannot be started; nothing has been printed then.
 pub fn run(config: &Config, file: &Path, stdout: &mut dyn Write) -> Result<(), StartError> {
+    telemetry::set_log_level(config.log.name());
     let mut daemon = Daemon::start(config)?;
     daemon.follow(file)?;
     let tls = config.access.tls.as_ref();

@@ -32,6 +32,7 @@ use crate::store::BaselineStore;
 use crate::store::ConfigurationEntry;
 use crate::store::events::ConfigurationChange;
 use crate::store::events::ConfigurationOutcome;
+use crate::telemetry;
 use crate::telemetry::ConfigurationMetrics;
 use std::collections::BTreeMap;
 use std::fs;
@@ -276,6 +277,9 @@ impl Reloader {
             let (retention, max_bytes) = (new.store.trends, new.bytes_beside_captures());
             let mut limits = self.levers.limits.lock().unwrap_or_else(PoisonError::into_inner);
             *limits = Some(trending::Limits { retention, max_bytes });
+        }
+        if old.log != new.log {
+            telemetry::set_log_level(new.log.name());
         }
         if old.notify != new.notify {
             let mut notifier = self.levers.notifier.lock().unwrap_or_else(PoisonError::into_inner);

@@ -86,6 +86,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
         captures,
         monitor,
         notify,
+        log,
         machines,
         // Where it was read from says nothing.
         files: _,
@@ -100,6 +101,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
     of_captures(&mut notes, old.captures.as_ref(), captures);
     of_monitor(&mut notes, &old.monitor, monitor);
     of_receivers(&mut notes, &old.notify, notify);
+    notes.live("log.level", &old.log, log);
     let is_judged_otherwise = old.monitor != *monitor;
     let machines = of_machines(&mut notes, old, machines, is_judged_otherwise);
     let Notes { applied, restart } = notes;

@@ -9,6 +9,7 @@ use super::super::TokenList;
 use super::super::held_to;
 use super::*;
 use crate::capture::hints::Hints;
+use crate::config::LogLevel;
 use crate::ingest::replay;
 use crate::machine::file;
 use std::path::PathBuf;
@@ -161,7 +162,7 @@ fn what_needs_a_restart_says_so_and_stays_as_it_was() {
 fn what_is_in_effect_at_once_is_named_and_reaches_the_machines_it_concerns() {
     let all = [Extent::Judged, Extent::Judged];
     let none = [Extent::Untouched, Extent::Untouched];
-    let steps: [(Step, &[Extent; 2]); 8] = [
+    let steps: [(Step, &[Extent; 2]); 9] = [
         (("alarms.on_delay_s", |c| c.monitor.alarms.on_delay_s = 9.0), &all),
         (("alarms.off_delay_s", |c| c.monitor.alarms.off_delay_s = 9.0), &all),
         (("alarms.history_len", |c| c.monitor.alarms.history_len = 9), &all),
@@ -175,6 +176,7 @@ fn what_is_in_effect_at_once_is_named_and_reaches_the_machines_it_concerns() {
         ),
         (("store.max_bytes", |c| c.store.max_bytes += 1), &none),
         (("store.trend_days", |c| c.store.trends.windows_days += 1), &none),
+        (("log.level", |c| c.log = LogLevel::Warn), &none),
     ];
     for ((name, step), machines) in steps {
         let mut new = config();

@@ -40,6 +40,7 @@ pub const SECTIONS: &[&str] = &[
     "pipeline",
     "diagnosis",
     "alarms",
+    "log",
 ];
 
 /// Sections that may be repeated, as `[[machine]]`; one with a point stands below a section of its own.
@@ -85,6 +86,7 @@ pub const KEYS: &[Key] = &[
     key("alarms", "history_len", Kind::Whole(1, 100_000)),
     key("alarms", "missing_after_s", Kind::Number(0.5, 86_400.0)),
     key("alarms", "max_shelving_s", Kind::Number(1.0, 31_536_000.0)),
+    key("log", "level", Kind::Text),
     key("machine", "file", Kind::Text),
     key("machine", "baseline", Kind::Texts),
     key("source", "kind", Kind::Text),

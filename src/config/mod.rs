@@ -5,6 +5,7 @@
 //! module nothing is checked twice. Must not start anything.
 
 pub mod keys;
+mod log;
 pub mod change;
 mod scan;
 mod raw;
@@ -23,6 +24,7 @@ pub use access::TokenList;
 pub use ingest::Ingest;
 pub use live::Live;
 pub use live::Subscription;
+pub use log::LogLevel;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;
@@ -68,6 +70,8 @@ pub struct Config {
     pub monitor: pipeline::Settings,
     /// Who is told of alarms.
     pub notify: receivers::Settings,
+    /// The least that is logged.
+    pub log: LogLevel,
     /// The machines, each with its source.
     pub machines: Vec<MachineConfig>,
     /// Every file it was read from.
@@ -181,6 +185,7 @@ impl Default for Config {
             memory_limit_bytes: 2_000_000_000,
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
             notify: receivers::Settings::default(),
+            log: LogLevel::default(),
             machines: Vec::new(),
             files: Files::default(),
         }

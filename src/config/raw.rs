@@ -16,6 +16,7 @@ pub(super) struct Raw {
     pub(super) pipeline: Pipeline,
     pub(super) diagnosis: Diagnosis,
     pub(super) alarms: Alarms,
+    pub(super) log: Log,
     pub(super) machine: Vec<Machine>,
     pub(super) source: Vec<Source>,
     pub(super) notify: Notify,
@@ -124,6 +125,13 @@ pub(super) struct Pipeline {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Diagnosis {
     pub(super) false_alarms_per_component_year: Option<f64>,
+}
+
+/// `[log]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Log {
+    pub(super) level: Option<String>,
 }
 
 /// `[alarms]`

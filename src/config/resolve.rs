@@ -5,6 +5,7 @@ use super::Captures;
 use super::Config;
 use super::Exposure;
 use super::Files;
+use super::LogLevel;
 use super::RECORDING;
 use super::SourceConfig;
 use super::Store;
@@ -82,6 +83,7 @@ pub(super) fn config(
             raw.diagnosis.false_alarms_per_component_year.unwrap_or(rate::A_COMPONENT_YEAR),
         ),
         notify,
+        log: resolver.log_level(raw.log.level),
         machines,
         files: Files::default(),
     };
@@ -122,6 +124,15 @@ impl Resolver<'_> {
             }),
             None => self.scan.report(path, message),
         }
+    }
+
+    fn log_level(&mut self, text: Option<String>) -> LogLevel {
+        let Some(text) = text else { return LogLevel::default() };
+        LogLevel::parse(&text).unwrap_or_else(|| {
+            let levels = LogLevel::ALL.map(|level| format!("{:?}", level.name())).join(", ");
+            self.report("log.level", format!("{text:?} is no level: {levels}"));
+            LogLevel::default()
+        })
     }
 
     fn bind(&mut self, text: Option<String>) -> Option<SocketAddr> {
