@@ -242,11 +242,13 @@ fn what_was_described_otherwise_while_nobody_ran_makes_baselines_stale() {
 fn the_log_tells_less_from_the_next_reload_on() {
     let daemon = start();
     judged(&daemon);
-    let config = fs::read_to_string(daemon.dir.path().join("serve.toml")).unwrap();
-    change(&daemon, "serve.toml", &format!("{config}[log]\nlevel = \"error\"\n"));
-    assert_eq!(told(&daemon, 1)[0].0, "config_applied");
     change(&daemon, "rig.toml", &limit(0.1));
     support::wait_until("the alarm", || alarm(&daemon));
+    let config = fs::read_to_string(daemon.dir.path().join("serve.toml")).unwrap();
+    change(&daemon, "serve.toml", &format!("{config}[log]\nlevel = \"error\"\n"));
+    assert_eq!(told(&daemon, 2)[1].0, "config_applied");
+    change(&daemon, "rig.toml", &limit(5.0));
+    assert_eq!(told(&daemon, 3)[2].0, "config_applied");
     let ended = daemon.terminate();
     let lines = |text: &str| ended.stderr.matches(text).count();
     assert_eq!(lines("the configuration is taken over"), 1, "{}", ended.stderr);
