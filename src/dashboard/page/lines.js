@@ -55,8 +55,8 @@ function family(label, hz, harmonics, spacing, spacingName, bands) {
     found.push({ label: times(k, label), hz: k * hz, kind: "line" });
     if (!spacing || !(spacing < hz)) continue;
     for (let m = 1; m <= bands; m += 1) {
-      found.push({ label: `−${m}${spacingName}`, hz: k * hz - m * spacing, kind: "band" });
-      found.push({ label: `+${m}${spacingName}`, hz: k * hz + m * spacing, kind: "band" });
+      found.push({ label: `−${m}${spacingName}`, hz: k * hz - m * spacing, kind: "band", beside: k * hz });
+      found.push({ label: `+${m}${spacingName}`, hz: k * hz + m * spacing, kind: "band", beside: k * hz });
     }
   }
   return found;
@@ -78,7 +78,7 @@ export function linesOf(machine, kind, id, { harmonics = 3, bands = 1, only = nu
       if (!hz) return [];
       // What turns into and out of the load modulates: the inner ring by the shaft, an element by the cage.
       const [spacing, name] = label === "BPFI" ? [speed, "×"] : label === "2·BSF" ? [cage, " FTF"] : [null, ""];
-      return family(label, hz, harmonics, spacing, name, bands);
+      return family(label, hz, harmonics, spacing, name, bands).map((one) => ({ ...one, slips: true }));
     });
   }
   if (kind === "gear") {
@@ -109,24 +109,28 @@ function medianAround(value, from, to) {
 
 /**
  * Looks for lines in a spectrum (`frequency_hz`, `value`, `resolution_hz`): the highest bin near the place, its value and how far it
- * stands over the median beside it, dB. A line is `matched` if it stands 15 dB out.
+ * stands over the median beside it, dB. A bearing slips: its lines are looked for around their place, their side bands beside what was found. A line is `matched` if it stands 15 dB out.
  */
 export function match(spectrum, lines) {
   const { frequency_hz: hz, value, kind } = spectrum;
   if (hz.length === 0) return [];
   const width = spectrum.resolution_hz ?? 0;
   const factor = kind === "psd" ? 10 : 20;
+  const moved = new Map();
   return lines
     .filter((line) => line.hz > 0 && line.hz <= hz.at(-1) && line.hz >= hz[0])
     .map((line) => {
-      const reach = Math.max(1.5 * width, line.kind === "line" ? SEARCH * line.hz : 0);
-      const [from, to] = [placeOf(hz, line.hz - reach), placeOf(hz, line.hz + reach)];
+      const place = line.hz + (moved.get(line.beside) ?? 0);
+      const reach = Math.max(1.5 * width, line.slips && line.kind === "line" ? SEARCH * line.hz : 0);
+      const [from, to] = [placeOf(hz, place - reach), placeOf(hz, place + reach)];
       let best = -1;
       for (let i = from; i < to; i += 1) if (best < 0 || value[i] > value[best]) best = i;
       if (best < 0) return { ...line, found: null, value: null, over: null, matched: false };
       const floor = medianAround(value, best - FLOOR_BINS, best + FLOOR_BINS);
       const over = floor > 0 && value[best] > 0 ? factor * Math.log10(value[best] / floor) : null;
-      return { ...line, found: hz[best], value: value[best], over, matched: over !== null && over >= MATCHED_DB };
+      const isOut = over !== null && over >= MATCHED_DB;
+      if (isOut && line.kind === "line") moved.set(line.hz, hz[best] - line.hz);
+      return { ...line, found: hz[best], value: value[best], over, matched: isOut };
     });
 }
 

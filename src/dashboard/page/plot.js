@@ -43,7 +43,7 @@ function columns(spec) {
 
 /**
  * A plot in `host`. `spec`: `title`; `x` and `y` with `label`; `series` of `{name, x, y}`; `log`, `logX`, `fromZero`, `height`;
- * `cursors` of `{x, label, kind, y, isBand}` (kind `matched`, `expected`, `shaft`, `mark`); `limits` of `{y, label, kind}`; `xValue(x)` and
+ * `cursors` of `{x, label, kind, y, isBand}` (kind `matched`, `expected`, `shaft`, `mark`); `limits` of `{y, label, kind}`; `usual` of `{x, y, low, high}`; `xValue(x)` and
  * `yValue(y)` for people; `onPick(x)`.
  */
 export function linePlot(host, spec) {
@@ -76,6 +76,15 @@ export function linePlot(host, spec) {
       ctx.textAlign = "right";
       ctx.fillText(limit.label, left + w - 4 * ratio, y - 4 * ratio);
     }
+    for (const bar of shown.usual ?? []) {
+      const [x, y, low, high] = [u.valToPos(bar.x, "x", true), ...[bar.y, bar.low, bar.high].map((v) => u.valToPos(v, "y", true))];
+      ctx.strokeStyle = colour("healthy");
+      ctx.setLineDash([]);
+      ctx.lineWidth = 3 * ratio;
+      line(ctx, x - 6 * ratio, y, x + 6 * ratio, y);
+      ctx.lineWidth = ratio;
+      line(ctx, x, low, x, high);
+    }
     // Labels in rows, so that neighbours can both be read.
     const ends = [-Infinity, -Infinity, -Infinity];
     const cursors = [...(shown.cursors ?? [])].sort((a, b) => a.x - b.x);
@@ -107,15 +116,19 @@ export function linePlot(host, spec) {
     ctx.restore();
   }
 
-  function axis(label, values, size) {
+  /** Of a logarithmic axis only the decades have a line across. */
+  const decades = (_, splits) => splits.map((v) => (Math.abs(Math.log10(v) % 1) < 1e-6 ? v : null));
+
+  function axis(label, values, size, isLog, space) {
     return {
       label,
+      space,
       labelSize: 18,
       labelGap: 2,
       font: "12px system-ui, sans-serif",
       labelFont: "12px system-ui, sans-serif",
       stroke: colour("soft"),
-      grid: { stroke: colour("grid"), width: 1 },
+      grid: { stroke: colour("grid"), width: 1, ...(isLog ? { filter: decades } : {}) },
       ticks: { stroke: colour("grid"), width: 1, size: 5 },
       size,
       values,
@@ -136,7 +149,7 @@ export function linePlot(host, spec) {
         x: { time: false, ...(shown.logX ? { distr: 3, log: 10 } : {}) },
         y: { ...(shown.log ? { distr: 3, log: 10 } : {}), range: () => yRange },
       },
-      axes: [axis(shown.x.label, textsX, 30), axis(shown.y.label, textsY, 62)],
+      axes: [axis(shown.x.label, textsX, 30, shown.logX, shown.xTick ? 90 : 55), axis(shown.y.label, textsY, 62, shown.log, 34)],
       series: [
         {},
         ...shown.series.map((one, i) => ({

@@ -17,8 +17,11 @@ const excess = (one) => (one.threshold > 0 && one.value !== null ? one.value / o
 export function plan(machine, component) {
   const wanted = lineOfFault(component.fault);
   // The fault's own line before others, where it is clearest (the envelope) before where it is highest.
+  const isProbe = (channel) => machine.sensors.some((sensor) => sensor.channel === channel && sensor.kind === "proximitor");
+  // A shaft is judged by what sees it, before what feels it through the housing.
+  const seen = (one) => (component.kind === "shaft" && isProbe(one.channel.split("+")[0]) ? 1 : 0);
   const own = (one) => (wanted && lineOfIndicator(one.indicator) === wanted ? (one.indicator.startsWith("envelope") ? 2 : 1) : 0);
-  const sorted = [...component.evidence].sort((a, b) => own(b) - own(a) || excess(b) - excess(a));
+  const sorted = [...component.evidence].sort((a, b) => own(b) - own(a) || seen(b) - seen(a) || excess(b) - excess(a));
   const plots = [];
   const add = (key, plot) => plots.length < MOST && !plots.some((one) => one.key === key) && plots.push({ key, ...plot });
   for (const one of sorted) {
@@ -31,9 +34,8 @@ export function plan(machine, component) {
       add("scalogram", { kind: "scalogram", evidence: one, channel: first });
       add("amplitude", { kind: "amplitude", evidence: one, channel: first });
     } else if (/^(line|forward|backward|absolute_cwt|cwt)_/.test(one.indicator)) {
-      const isProbe = machine.sensors.some((s) => s.channel === first && s.kind === "proximitor");
       add(`amplitude ${first}`, { kind: "amplitude", evidence: one, channel: first });
-      if (isProbe) add("orbit", { kind: "orbit", evidence: one, channel: first });
+      if (isProbe(first)) add("orbit", { kind: "orbit", evidence: one, channel: first });
     } else {
       add(`trend ${first}`, { kind: "trend", evidence: one, channel: first });
     }
@@ -116,15 +118,17 @@ export function matchTable(found, unit) {
 
 async function spectrum(host, ctx, plot) {
   const { machine, component, rates, signal } = ctx;
+  const isGear = component.kind === "gear";
   const isSlow = plot.kind === "envelope" || plot.kind === "absolute";
   const lines = linesOf(machine, component.kind === "machine" ? "shaft" : component.kind, component.kind === "machine" ? machine.shafts[0]?.id : component.id, {
-    harmonics: component.kind === "gear" ? 2 : isSlow ? 3 : 4,
-    bands: component.kind === "gear" ? 2 : 1,
+    harmonics: isGear ? 1 : isSlow ? 3 : 4,
+    bands: isGear ? 3 : 1,
     only: plot.only,
   });
   const highest = Math.max(...lines.map((line) => line.hz), plot.evidence.frequency_hz ?? 0);
+  const lowest = isGear && lines.length ? Math.min(...lines.map((line) => line.hz)) : 0;
   const nyquist = (rates.get(plot.channel) ?? 2 * highest) / 2;
-  const parameters = { kind: plot.kind, max_hz: highest > 0 ? Math.min(nyquist, highest * 1.12) : null, max_points: 6000 };
+  const parameters = { kind: plot.kind, min_hz: lowest * 0.97, max_hz: highest > 0 ? Math.min(nyquist, highest * (isGear ? 1.03 : 1.12)) : null, max_points: 6000 };
   if (plot.kind === "absolute") parameters.with = plot.with;
   const path = `${channelPath(machine.id, plot.channel)}/spectrum`;
   const { answer, isNewer } = await ofWindow(path, plot.evidence, rates.get(plot.channel), parameters, signal);
@@ -139,7 +143,7 @@ async function spectrum(host, ctx, plot) {
     y: { label: valueLabel(answer) },
     xValue: hertz,
     log: plot.kind !== "envelope",
-    fromZero: true,
+    fromZero: lowest === 0,
     height: 260,
     series: [{ name: answer.channel, x: answer.frequency_hz, y: answer.value.map((v) => v * factor) }],
     cursors: cursorsOf(found, factor),
@@ -199,7 +203,7 @@ export function scalogramSpec(answer, mesh, angle = null) {
 }
 
 async function orbit(host, ctx, plot) {
-  const parameters = { x: plot.channel, revolutions: 8, end: plot.evidence.sample_range?.[1] };
+  const parameters = { x: plot.channel, revolutions: 4, end: plot.evidence.sample_range?.[1] };
   const answer = await get(`${machinePath(ctx.machine.id)}/orbit`, parameters, ctx.signal);
   host.append(caption(`Orbit of ${answer.x_channel} and ${answer.y_channel}`, `as seen from the driver end`, ctx, plot, false));
   return orbitPlot(host, answer);
@@ -219,7 +223,7 @@ async function trend(host, ctx, plot) {
     title: `Trend of ${column.name}`,
     x: { label: "time of the stream (s)" },
     xValue: (t) => new Date(start + t * 1000).toLocaleTimeString(),
-    y: { label: shown ? `${column.name} (${shown})` : column.name },
+    y: { label: `${column.name.replaceAll("_", " ")} (${shown || "1"})` },
     fromZero: true,
     height: 220,
     series: [{ name: column.name, x: column.time_s, y: column.value.map((v) => (v === null ? null : v * factor)), points: column.value.length < 60 }],

@@ -8,6 +8,7 @@ import { matchTable } from "./proof.js";
 import { orbit, scalogram, waterfall } from "./pictures.js";
 import { KINDS, askLines, askTrend, isSpectrum, specOf, trendSpec } from "./spectra.js";
 import { alarmsOf } from "./store.js";
+import { usualOf } from "./usual.js";
 
 const LIVE_MS = 2000;
 const NUMBERS = ["window_s", "averages", "to", "from", "low", "high", "harmonics", "bands", "peaks", "turns", "hours", "end"];
@@ -35,6 +36,8 @@ export function openSignals(root, { parts, query, state }) {
 
   let machine = null;
   let channels = [];
+  /** What the baseline in use holds. */
+  let usual = [];
   let shown = null;
   let reference = null;
   let last = null;
@@ -155,7 +158,7 @@ export function openSignals(root, { parts, query, state }) {
     if (signal.aborted) return;
     const isFirst = !last?.answer;
     last = { answer };
-    const { spec, found, peaks: tops } = specOf(machine, choices, answer, reference);
+    const { spec, found, peaks: tops } = specOf(machine, choices, answer, reference, usual);
     line(spec);
     fill(numbers, matchTable(found, answer.unit), tops?.length ? h("p", { class: "card" }, "Highest peaks: ", tops.map((one) => `${number(one.hz, 5)} Hz`).join(", ")) : null);
     if (isFirst) drawControls();
@@ -167,22 +170,13 @@ export function openSignals(root, { parts, query, state }) {
     const isFirst = !last?.trend;
     last = { trend: answer };
     const alarms = alarmsOf(id).filter((one) => one.kind !== "store");
-    const spec = trendSpec(choices, answer, alarms, limitsOf(alarms));
+    const spec = trendSpec(choices, answer, alarms, usual);
     if (!spec || spec.series[0].x.length === 0) {
       end();
       fill(stage, empty("No window of this channel has been measured yet."));
     } else line(spec);
     numbers.replaceChildren();
     if (isFirst) drawControls();
-  }
-
-  /** Values that evidence of this feature is held against. */
-  function limitsOf() {
-    const evidence = (last?.diagnosis?.components ?? []).flatMap((one) => one.evidence);
-    return evidence
-      .filter((one) => one.indicator === (choices.feature ?? "rms") && one.channel === choices.channel && one.threshold !== null)
-      .slice(0, 2)
-      .map((one) => ({ y: one.threshold, label: "held against" }));
   }
 
   async function drawPicture(signal) {
@@ -246,10 +240,11 @@ export function openSignals(root, { parts, query, state }) {
   async function begin() {
     if (!id) return;
     try {
-      const [description, list] = await Promise.all([get(machinePath(id)), get(`${machinePath(id)}/channels`)]);
+      const [description, list, known] = await Promise.all([get(machinePath(id)), get(`${machinePath(id)}/channels`), usualOf(id)]);
       if (isClosed) return;
       machine = description;
       channels = list.items;
+      usual = known;
       if (channels.length === 0) {
         fill(stage, empty("No channel yet: the source of this machine has not been opened."));
         return;

@@ -3,7 +3,9 @@
 import { channelPath, get } from "./api.js";
 import { hertz, number, shownIn, time } from "./format.js";
 import { linesOf, match, peaks } from "./lines.js";
+import { prefs } from "./prefs.js";
 import { cursorsOf, valueLabel } from "./proof.js";
+import { usualLevels, usualLines } from "./usual.js";
 
 const MOST_POINTS = 8000;
 
@@ -80,7 +82,7 @@ function inCepstrum(answer, lines) {
 }
 
 /** What is drawn of an answer: the plot and the lines found in it. */
-export function specOf(machine, choices, answer, reference) {
+export function specOf(machine, choices, answer, reference, usual = []) {
   const { unit, factor } = shownIn(answer.unit);
   if (choices.kind === "waveform") {
     const start = answer.time_s[0];
@@ -105,6 +107,7 @@ export function specOf(machine, choices, answer, reference) {
   const tops = choices.peaks > 0 && !answer.quefrency_s ? peaks(answer, choices.peaks, 1) : [];
   cursors.push(...tops.map((one) => ({ x: place(one.hz), y: one.value * factor, label: number(place(one.hz), 4), kind: "shaft" })));
   const label = answer.order ? `order of the shaft at ${hertz(answer.shaft_speed_hz)}` : answer.quefrency_s ? "quefrency (ms)" : "frequency (Hz)";
+  const bars = usualLines(machine, choices, usual, factor);
   const xs = across(answer);
   const series = [{ name: answer.channel, x: xs, y: answer.value.map((v) => v * factor) }];
   if (reference && reference.kind === answer.kind && reference.unit === answer.unit) {
@@ -122,10 +125,10 @@ export function specOf(machine, choices, answer, reference) {
       logX: choices.logX === true && !answer.quefrency_s,
       fromZero: !answer.quefrency_s,
       height: 360,
-      hint: facts(answer),
+      hint: `${facts(answer)}${bars.length ? "; green: the baseline ± 2σ" : ""}`,
+      usual: bars,
       series: choices.logX ? series.map((one) => positive(one)) : series,
       cursors,
-      found,
     },
   };
 }
@@ -159,7 +162,7 @@ export async function askTrend(machine, choices, signal) {
 const isSet = (value) => value !== null && value !== undefined;
 
 /** The trend of one feature, with its limits and the alarms of its machine. */
-export function trendSpec(choices, answer, alarms, limits) {
+export function trendSpec(choices, answer, alarms, usual) {
   const column = answer.features.find((one) => one.name === choices.feature) ?? answer.features.find((one) => one.name === "rms") ?? answer.features[0];
   if (!column) return null;
   const { unit, factor } = shownIn(column.unit);
@@ -173,16 +176,16 @@ export function trendSpec(choices, answer, alarms, limits) {
   const at = (t) => time(new Date(start + t * 1000).toISOString());
   return {
     title: `Trend of ${column.name} of ${answer.channel}`,
-    x: { label: "time" },
+    x: { label: prefs.zone === "utc" ? "time (UTC)" : "time (local)" },
     xTick: (t) => time(new Date(start + t * 1000).toISOString(), { date: false }).replace(" UTC", ""),
     xValue: at,
-    y: { label: unit ? `${column.name} (${unit})` : column.name },
+    y: { label: `${column.name.replaceAll("_", " ")} (${unit || "1"})` },
     log: choices.log === true,
     fromZero: true,
     height: 360,
     hint: `${answer.n_windows} ${answer.tier === "raw" ? "windows" : answer.tier === "1min" ? "minutes" : "hours"}${answer.gaps.length ? `, ${answer.gaps.length} gaps` : ""}`,
     series,
-    limits: limits.filter((one) => isSet(one.y)).map((one) => ({ ...one, y: one.y * factor })),
+    limits: usualLevels(choices, column.name, usual).map((one) => ({ ...one, y: one.y * factor })),
     cursors: alarms.filter((one) => isSet(one.raised_at_s)).map((one) => ({ x: one.raised_at_s, label: `alarm ${one.component}`, kind: "mark" })),
     feature: column.name,
   };
