@@ -165,7 +165,7 @@ impl Browser {
     pub(crate) fn picture(&self, most: f64) -> Vec<u8> {
         let size =
             self.run("const d = document.documentElement; return [innerWidth, d.scrollHeight]");
-        let [width, height] = [0, 1].map(|i| size[i].as_f64().unwrap());
+        let [width, height] = [0_usize, 1].map(|i| size[i].as_f64().unwrap());
         let clip =
             json!({ "x": 0, "y": 0, "width": width, "height": height.min(most), "scale": 1 });
         let shot = json!({ "format": "png", "captureBeyondViewport": true, "clip": clip });

@@ -51,7 +51,7 @@ export function openDemo(root, { parts }) {
   const wanted = { bearing: "none", shaft: false, gear: "none" };
   const bar = h("div", { class: "bar" });
   const presets = h("section", { class: "card" }, loading("simulation"));
-  const own = h("section", { class: "card" });
+  const own = h("section", { class: "card" }, loading("machine"));
   const truth = h("section", { class: "card", "aria-label": "Truth" });
   const verdict = h("section", { class: "card", "aria-label": "Diagnosis" });
   const said = h("p", { class: "said", role: "status" });

@@ -37,7 +37,8 @@ function tell() {
 
 let isLooking = false;
 let lookAgain = false;
-let hasSimulation = true;
+/** Whether any machine is simulated; `null`: not known yet. */
+let hasSimulation = null;
 
 async function alarmsThatStand() {
   const all = [];
@@ -52,14 +53,9 @@ async function alarmsThatStand() {
 }
 
 async function simulations() {
-  if (!hasSimulation) return [];
-  try {
-    return (await get("/simulation/scenario")).items;
-  } catch (error) {
-    if (error.status !== 404) throw error;
-    hasSimulation = false;
-    return [];
-  }
+  // What has a lag of its simulation is simulated: asking for scenarios where there are none would be an error.
+  hasSimulation ??= (await get("/system")).streams.some((stream) => stream.simulation_lag_s !== null);
+  return hasSimulation ? (await get("/simulation/scenario")).items : [];
 }
 
 /** Looks at everything anew; a call while one runs makes one more follow. */
