@@ -96,7 +96,8 @@ fn chosen(view: &MachineView, query: &OrbitQuery) -> Result<(String, String), Ap
     };
     let (one, other) = match (query.x.as_deref(), query.y.as_deref()) {
         (Some(x), Some(y)) => return Ok(owned((x, y))),
-        (Some(one), None) | (None, Some(one)) => (one, partner(machine, one)?),
+        (Some(one), None) => (channel(view, one).and(partner(machine, one, "y"))?, one),
+        (None, Some(one)) => (channel(view, one).and(partner(machine, one, "x"))?, one),
         (None, None) => {
             let probes = pairs(machine).find(|(x, _)| is_probe(x));
             return probes.or_else(|| pairs(machine).next()).map(owned).ok_or_else(|| {

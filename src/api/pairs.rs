@@ -5,14 +5,18 @@ use super::signals::Run;
 use super::wire::signals::Validity;
 use crate::machine::Machine;
 
-/// Finds the channel of the sensor that forms a pair with the one of `name`.
-pub(super) fn partner<'m>(machine: &'m Machine, name: &str) -> Result<&'m str, ApiError> {
+/// Finds the channel of the sensor that forms a pair with the one of `name`; `parameter` is what names another one.
+pub(super) fn partner<'m>(
+    machine: &'m Machine,
+    name: &str,
+    parameter: &str,
+) -> Result<&'m str, ApiError> {
     pairs(machine)
         .find_map(|(x, y)| if x == name { Some(y) } else { (y == name).then_some(x) })
         .ok_or_else(|| {
             ApiError::Invalid(format!(
                 "no sensor of the same kind and place stands 90° ± 5° from {name:?}; name the other \
-                 channel by with="
+                 channel by {parameter}="
             ))
         })
 }

@@ -101,7 +101,7 @@ pub(super) async fn spectrum(
     let other = if query.kind == SpectrumKind::Absolute {
         let other = match query.with.as_deref() {
             Some(other) => other,
-            None => partner(&view.machine, &name)?,
+            None => partner(&view.machine, &name, "with")?,
         };
         channel(&view, other)?;
         // The same samples of both: the shorter end of the two decides.

@@ -21,7 +21,7 @@ fn a_fault_turns_its_component_red_and_its_lines_carry_the_cursors() {
     let demo = Demo::start("GG_GS_GB");
     browser.go(&format!("{}/", demo.url));
     browser.wait(&format!("{RIGHT}?.classList.contains('healthy')"));
-    assert!(browser.text("[data-machine=\"rig-1\"] h3").contains("Gear-rotor-bearing rig"));
+    assert!(browser.text("[data-machine=\"rig-1\"] h2").contains("Gear-rotor-bearing rig"));
     // Gone if the page were loaded anew.
     browser.run("window.isTheSame = true");
     browser.click("#nav [data-view=\"simulation\"]");

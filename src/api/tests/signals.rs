@@ -241,7 +241,7 @@ async fn every_number_has_its_limits() {
         ("spectrum?averages=64&window_s=60", "allowed are 4194304"),
         ("spectrum?kind=zoom", "`amplitude`, `psd`, `envelope`, `absolute`, `order`, `cepstrum`"),
         ("spectrum?detector=peak", "`rms`, `0-p`, `p-p`"),
-        ("spectrum?kind=psd&detector=rms", "psd has none"),
+        ("spectrum?kind=psd&detector=rms", "have none"),
         ("spectrum?band_low_hz=5", "kind=envelope"),
         ("spectrum?with=right_y", "kind=absolute"),
         ("spectrum?kind=envelope&band_low_hz=900&band_high_hz=800", "band_low_hz < band_high_hz"),

@@ -50,7 +50,7 @@ function card(alarm, isOpen) {
       "header",
       null,
       badge(alarm.level),
-      h("h3", null, h("a", { href: place(alarm) }, `${alarm.machine} · ${alarm.component}`)),
+      h("h2", null, h("a", { href: place(alarm) }, `${alarm.machine} · ${alarm.component}`)),
       h("span", { class: "verdict" }, alarm.source === "diagnosis" ? fault(alarm.fault, alarm.level) : alarm.source === "limit" ? `limit ${alarm.limit ?? ""}` : alarm.source === "data" ? "no data" : "store"),
       h("span", { class: "pill" }, alarm.active ? "present" : "gone"),
       h("span", { class: "soft since" }, `raised ${time(alarm.raised_at)}, ${since(alarm.raised_at)} ago${alarm.occurrences > 1 ? `, came ${alarm.occurrences} times` : ""}`),

@@ -78,7 +78,7 @@ function row(machine, isWide) {
       "header",
       null,
       badge(machine.state),
-      h("h3", null, h("a", { href: address(machine) }, machine.name || machine.id)),
+      h("h2", null, h("a", { href: address(machine) }, machine.name || machine.id)),
       machine.name && h("span", { class: "soft" }, machine.id),
       machine.alarms > 0 && h("a", { class: "pill alarm", href: `#/alarms?machine=${encodeURIComponent(machine.id)}` }, `${machine.alarms} ${machine.alarms === 1 ? "alarm" : "alarms"}`),
       machine.operating_state !== "running" && h("span", { class: "pill" }, machine.operating_state === "unknown" ? "not judged yet" : machine.operating_state),
