@@ -67,10 +67,11 @@ async fn an_orbit_is_whole_revolutions_from_mark_to_mark_of_the_pair_in_its_orde
         assert_eq!(orbit["y_channel"], "right_y");
         assert_eq!(orbit["angle_from"], "mark");
         assert_eq!((&orbit["shaft"], &orbit["rotation"]), (&json!("main"), &json!("ccw")));
-        // Edges between two samples are placed to a fraction of one: 3·256 samples but for one.
+        // 3·256 samples; where the wave of the tacho crosses zero at one of its samples, which is two of ours, rounding decides its
+        // sign, at either end.
         let n = orbit["n_samples"].as_u64().unwrap();
-        assert!(n.abs_diff(768) <= 1, "{n}");
-        assert!((orbit["shaft_speed_hz"].as_f64().unwrap() - 16.0).abs() < 0.05);
+        assert!(n.abs_diff(768) <= 4, "{n}");
+        assert!((orbit["shaft_speed_hz"].as_f64().unwrap() - 16.0).abs() < 16.0 * 4.0 / 768.0);
         assert_eq!(orbit["revolutions"], 3.0);
         let (x, angle_deg) = (column(&orbit, "x"), column(&orbit, "angle_deg"));
         assert_eq!(x.len(), angle_deg.len());
@@ -80,7 +81,7 @@ async fn an_orbit_is_whole_revolutions_from_mark_to_mark_of_the_pair_in_its_orde
         assert!(angle_deg[0].abs() < 1.5 && (angle_deg[x.len() - 1] - 1080.0).abs() < 3.0);
         let marks = orbit["marks"].as_array().unwrap();
         let at: Vec<u64> = marks.iter().map(|mark| mark.as_u64().unwrap()).collect();
-        assert!(at.len() == 3 && at[0] == 0 && at[1].abs_diff(256) <= 1, "{at:?}");
+        assert!(at.len() == 3 && at[0] == 0 && at[1].abs_diff(256) <= 4, "{at:?}");
     }
     let thin = service.get(&format!("{MACHINE}/orbit?revolutions=3&max_points=100")).await.json();
     assert_eq!(thin["step"], 8);
