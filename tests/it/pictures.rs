@@ -1,4 +1,7 @@
 //! Pictures of every view for the documentation; looked at by whoever changes the page.
+//!
+//! `ROTORWATCH_PICTURES=docs/images cargo test --test it pictures -- --ignored`, then
+//! `pngquant --ext .png --force --skip-if-larger docs/images/*.png`: a third of the bytes, nothing to be seen.
 
 use crate::browser::{Browser, Demo, Size, skipped};
 use std::path::Path;
@@ -34,7 +37,11 @@ pub(crate) const VIEWS: [(&str, &str, &str); 8] = [
         "document.querySelector('.stage[data-kind=orbit] canvas') !== null",
     ),
     ("alarms", "#/alarms", "document.querySelector('.alarm') !== null"),
-    ("captures", "#/captures", "document.querySelector('[data-capture]') !== null"),
+    (
+        "captures",
+        "#/captures",
+        "document.querySelector('[data-capture]') !== null && document.querySelector('.signed') !== null",
+    ),
     ("simulation", "#/simulation", "document.querySelector('.verdicts li') !== null"),
 ];
 
@@ -59,7 +66,9 @@ fn pictures_of_every_view() {
                 browser.wait(ready);
                 // Fonts and the last frame.
                 browser.run_async("await document.fonts.ready; await new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r))); return true");
-                let wide = browser.run("return document.documentElement.scrollWidth - innerWidth");
+                let wide = browser.run(
+                    "const d = document.documentElement; return d.scrollWidth - d.clientWidth",
+                );
                 assert!(
                     wide.as_f64().unwrap() <= 0.0,
                     "{name} on {size_name} is too wide by {wide} px"

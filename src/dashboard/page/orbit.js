@@ -40,7 +40,9 @@ export function orbitPlot(host, orbit) {
     ctx.lineWidth = 1.25;
     ctx.beginPath();
     shown.x.forEach((value, i) => ctx.lineTo(x(value * factor), y(shown.y[i] * factor)));
+    ctx.globalAlpha = 0.6;
     ctx.stroke();
+    ctx.globalAlpha = 1;
     // A blank before and a dot at the mark, as on an oscilloscope.
     for (const at of shown.marks) {
       if (shown.x[at] === undefined) continue;
@@ -77,13 +79,13 @@ export function orbitPlot(host, orbit) {
     const from = { mark: "red dots: mark of the tacho", tacho: "by the tacho", speed: "by the speed, no mark" }[shown.angle_from];
     facts.replaceChildren(
       h("p", { class: "readout" }, `${shown.revolutions} revolutions of ${shown.shaft} at ${hertz(shown.shaft_speed_hz)}; ${from}; dashed: 1× ellipse`),
-      h(
+      h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Ellipses" }, h(
         "table",
         { class: "small" },
         h("thead", null, h("tr", null, ["Order", `Long half axis (${unit})`, `Short half axis (${unit})`, "Sense"].map((t) => h("th", { scope: "col" }, t)))),
         h("tbody", null, shown.ellipses.map((e) =>
           h("tr", null, [`${e.order}×`, number(e.major * factor), number(Math.abs(e.minor) * factor), sense(e)].map((t) => h("td", null, t))))),
-      ),
+      )),
     );
   }
 
