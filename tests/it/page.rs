@@ -229,12 +229,6 @@ fn figures_of_the_page() {
         .collect();
     paints.sort_by(f64::total_cmp);
     println!("first contentful paint, ms: median {:.0}, slowest {:.0}", paints[4], paints[8]);
-    let bytes = browser.run(
-        "return performance.getEntriesByType('resource').filter((e) => e.name.includes('/dashboard/')) \
-         .reduce((sum, e) => sum + e.encodedBodySize, 0)",
-    );
-    println!("files of the page as sent, bytes: {bytes}");
-
     browser.chromium("Performance.enable", &serde_json::json!({}));
     let metric = |name: &str| {
         let all = browser.chromium("Performance.getMetrics", &serde_json::json!({}));
