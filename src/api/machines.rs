@@ -1,27 +1,46 @@
 //! Machines: list, description, health, diagnosis.
 
 use super::error::ApiError;
-use super::extract::{Path, State};
+use super::extract::{Path, Query, State};
 use super::state::{ApiState, newest};
 use super::wire::diagnosis::DiagnosisDocument;
 use super::wire::machines::{HealthWire, MachineItemWire, MachineListWire, MachineWire};
 use super::wire::problem::ProblemWire;
 use axum::Json;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+/// What of each machine.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ListQuery {
+    /// With the health of each component.
+    #[serde(default)]
+    components: bool,
+}
 
 /// Lists the machines.
 #[utoipa::path(
     get,
     path = "/api/v1/machines",
     tag = "machines",
-    responses((status = OK, body = MachineListWire))
+    params(ListQuery),
+    responses(
+        (status = OK, body = MachineListWire),
+        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
+    )
 )]
-pub(super) async fn list(State(state): State<ApiState>) -> Json<MachineListWire> {
-    let items = state
-        .machines
-        .values()
-        .map(|handle| MachineItemWire::new(&handle.machine(), &newest(handle)))
-        .collect();
-    Json(MachineListWire { items })
+pub(super) async fn list(
+    State(state): State<ApiState>,
+    Query(query): Query<ListQuery>,
+) -> Json<MachineListWire> {
+    let item = |handle| {
+        let view = newest(handle);
+        let item = MachineItemWire::new(&view.machine, &view);
+        if query.components { item.with_components(&view) } else { item }
+    };
+    Json(MachineListWire { items: state.machines.values().map(item).collect() })
 }
 
 /// Describes a machine, with the lines its construction may show.

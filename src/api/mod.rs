@@ -19,8 +19,12 @@ mod machines;
 mod recordings;
 mod signals;
 mod trends;
+mod pairs;
+mod turning;
+mod bins;
 mod spectra;
 mod cwt;
+mod orbit;
 mod alarms;
 mod acts;
 mod silences;
@@ -96,6 +100,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(trends::component))
         .routes(routes!(spectra::spectrum))
         .routes(routes!(cwt::cwt))
+        .routes(routes!(orbit::orbit))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))
         .routes(routes!(alarms::show))

@@ -1,24 +1,21 @@
 //! Spectra on demand: from a copied slice, beside the event loop.
 
+use super::bins::{Bins, Wanted, wanted_bins};
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
+use super::pairs::{partner, together, worse};
 use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
 use super::state::{ApiState, channel, newest};
+use super::turning::{Turner, Watched};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{SpectrumKind, SpectrumWire, Validity};
 use super::wire::{DetectorName, finite, finite_column};
 use crate::diagnosis::fault::Detector;
 use crate::dsp::absolute::absolute_vibration;
-use crate::dsp::envelope::{EnvelopeSpectrumPlan, SquaredEnvelopePlan, bins_of_band};
-use crate::dsp::fft::{FftCache, ForwardPlan, n_bins};
-use crate::dsp::spectrum::AmplitudePlan;
-use crate::dsp::welch::WelchPlan;
-use crate::machine::Machine;
 use crate::machine::sensor::Sensor;
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
 use axum::Json;
-use rustfft::num_complex::Complex;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -69,7 +66,8 @@ pub(super) struct SpectrumQuery {
 /// Gives a spectrum of the newest samples of a channel.
 ///
 /// A line between two bins reads up to 15 % low (Hann); evidence of a diagnosis is read at the exact
-/// frequency instead. `cepstrum` and `order` are not part of this version.
+/// frequency instead. `order` is resampled to equal angles of the shaft that the sensor listens to, by the tacho if there is one.
+/// In a cepstrum a family of lines at one spacing is a peak at the quefrency 1/spacing.
 #[utoipa::path(
     get,
     path = "/api/v1/machines/{id}/channels/{name}/spectrum",
@@ -85,6 +83,8 @@ pub(super) struct SpectrumQuery {
         (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
         (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json",
          description = "Other spectra are being computed; see Retry-After"),
+        (status = CONFLICT, body = ProblemWire, content_type = "application/problem+json",
+         description = "`order` of a shaft whose speed is not known"),
     )
 )]
 pub(super) async fn spectrum(
@@ -98,23 +98,25 @@ pub(super) async fn spectrum(
     let sensor = view.machine.sensors.iter().find(|sensor| sensor.channel == name);
     let request = SpectrumRequest::new(&query, info, sensor)?;
     let run = fetch(&state, &id, &name, query.end, request.n_wanted()).await?;
-    let other = match query.kind {
-        SpectrumKind::Absolute => {
-            let other = match query.with.as_deref() {
-                Some(other) => other,
-                None => partner(&view.machine, &name)?,
-            };
-            channel(&view, other)?;
-            // The same samples of both: the shorter end of the two decides.
-            let end = run.waveform.start + run.waveform.samples.len() as u64;
-            Some((
-                other.to_owned(),
-                fetch(&state, &id, other, Some(end), run.waveform.samples.len()).await?,
-            ))
-        }
-        SpectrumKind::Amplitude | SpectrumKind::Psd | SpectrumKind::Envelope => None,
+    let other = if query.kind == SpectrumKind::Absolute {
+        let other = match query.with.as_deref() {
+            Some(other) => other,
+            None => partner(&view.machine, &name, "with")?,
+        };
+        channel(&view, other)?;
+        // The same samples of both: the shorter end of the two decides.
+        let end = run.waveform.start + run.waveform.samples.len() as u64;
+        let n_samples = run.waveform.samples.len();
+        Some((other.to_owned(), fetch(&state, &id, other, Some(end), n_samples).await?))
+    } else {
+        None
     };
-    let wire = state.compute(move || request.compute(&name, run, other)).await?;
+    let watched = if query.kind == SpectrumKind::Order {
+        Some(Turner::of_channel(&view, &name)?.watch(&state, &id, &run).await?)
+    } else {
+        None
+    };
+    let wire = state.compute(move || request.compute(&name, run, other, watched.as_ref())).await?;
     Ok(Json(wire))
 }
 
@@ -130,14 +132,6 @@ struct SpectrumRequest {
     band_hz: (f64, f64),
     shown_hz: (f64, f64),
     max_points: usize,
-}
-
-/// Bins of a spectrum.
-struct Bins {
-    value: Vec<f32>,
-    width_hz: f64,
-    averages: usize,
-    n_window: usize,
 }
 
 impl SpectrumRequest {
@@ -207,15 +201,15 @@ impl SpectrumRequest {
         name: &str,
         run: Run,
         other: Option<(String, Run)>,
+        watched: Option<&Watched>,
     ) -> Result<SpectrumWire, ApiError> {
-        let Run { info, mut waveform, mut validity } = run;
+        let mut run = run;
         let mut channel = name.to_owned();
         if let Some((other_name, other)) = other {
             channel = format!("{name}+{other_name}");
-            let start = absolute(&mut waveform.samples, waveform.start, &info, &other)?;
-            waveform.start = start;
-            validity = worse(validity, other.validity);
+            run = absolute(run, &other)?;
         }
+        let Run { info, waveform, mut validity } = run;
         let samples = &waveform.samples[..];
         if samples.len() < MIN_WINDOW_SAMPLES {
             return Err(ApiError::NotFound(format!(
@@ -226,59 +220,15 @@ impl SpectrumRequest {
         if samples.len() < self.n_window && waveform.start > 0 {
             validity = worse(validity, Validity::Gap);
         }
-        let bins = self.bins(samples)?;
-        Ok(self.wire(channel, &info, waveform.start, samples.len(), validity, &bins))
-    }
-
-    fn bins(&self, samples: &[f32]) -> Result<Bins, ApiError> {
-        let n_window = self.n_window.min(samples.len());
-        let mut cache = FftCache::new();
-        let (value, averages, width_hz) = match self.kind {
-            SpectrumKind::Psd => {
-                let mut plan = WelchPlan::new(n_window, &mut cache);
-                let mut density = vec![0.0; plan.n_bins()];
-                let averages = plan.process(samples, self.fs_hz, &mut density);
-                (density, averages, self.fs_hz / n_window as f64)
-            }
-            SpectrumKind::Amplitude | SpectrumKind::Absolute => {
-                let mut plan = AmplitudePlan::new(n_window, &mut cache);
-                let n_bins = plan.n_bins();
-                let (mean, averages) = power_mean(samples, n_window, n_bins, |window, out| {
-                    plan.process(window, out);
-                });
-                (mean, averages, plan.bin_width_hz(self.fs_hz))
-            }
-            SpectrumKind::Envelope => return self.envelope_bins(samples, n_window, &mut cache),
+        let wanted = Wanted {
+            kind: self.kind,
+            fs_hz: self.fs_hz,
+            n_window: self.n_window.min(samples.len()),
+            band_hz: self.band_hz,
         };
-        Ok(Bins { value, width_hz, averages, n_window })
-    }
-
-    fn envelope_bins(
-        &self,
-        samples: &[f32],
-        n_window: usize,
-        cache: &mut FftCache<f32>,
-    ) -> Result<Bins, ApiError> {
-        let (low_hz, high_hz) = self.band_hz;
-        let band = bins_of_band(n_window, self.fs_hz, low_hz, high_hz).ok_or_else(|| {
-            ApiError::Invalid(format!(
-                "the band {low_hz} to {high_hz} Hz holds no bin of a window of {n_window} samples"
-            ))
-        })?;
-        let mut forward = ForwardPlan::new(n_window, cache);
-        let mut squared = SquaredEnvelopePlan::new(n_window, band, cache);
-        let mut spectrum = EnvelopeSpectrumPlan::new(squared.out_len(), cache);
-        let mut x_hat = vec![Complex::new(0.0, 0.0); n_bins(n_window)];
-        let mut e2 = vec![0.0; squared.out_len()];
-        let n_depths = spectrum.n_bins();
-        let (value, averages) = power_mean(samples, n_window, n_depths, |window, depth| {
-            forward.process(window, &mut x_hat);
-            squared.process(&x_hat, &mut e2);
-            // No signal, nothing modulated: the depths are 0 then.
-            let _mean = spectrum.process(&e2, depth);
-        });
-        let width_hz = spectrum.bin_width_hz(squared.out_rate_hz(self.fs_hz));
-        Ok(Bins { value, width_hz, averages, n_window })
+        let turns = watched.map(|watched| watched.turns(waveform.start_time_s)).transpose()?;
+        let bins = wanted_bins(&wanted, samples, turns.as_ref())?;
+        Ok(self.wire(channel, &info, waveform.start, samples.len(), validity, &bins))
     }
 
     fn wire(
@@ -290,36 +240,39 @@ impl SpectrumRequest {
         validity: Validity,
         bins: &Bins,
     ) -> SpectrumWire {
-        let frequency_hz = |k: usize| k as f64 * bins.width_hz;
+        let frequency_hz = |k: usize| bins.axis.frequency_hz(k);
         let (low_hz, high_hz) = self.shown_hz;
-        // Half a bin of tolerance: a border meant to be on a bin must not miss it by rounding.
-        let slack_hz = 1e-6 * bins.width_hz;
+        // A border meant to be on a bin must not miss it by rounding.
+        let slack_hz = 1e-6 * self.fs_hz / bins.n_window as f64;
         let shown: Vec<usize> = (0..bins.value.len())
             .filter(|k| (low_hz - slack_hz..=high_hz + slack_hz).contains(&frequency_hz(*k)))
             .collect();
         let kept =
             decimate::peaks(shown.len(), self.max_points, |i| f64::from(bins.value[shown[i]]));
         let factor = match self.detector {
+            _ if has_none(self.kind) => 1.0,
             Detector::Rms => std::f64::consts::FRAC_1_SQRT_2,
             Detector::ZeroToPeak => 1.0,
             Detector::PeakToPeak => 2.0,
         };
-        let is_density = self.kind == SpectrumKind::Psd;
+        let has_detector = !has_none(self.kind);
         let unit = match self.kind {
-            SpectrumKind::Amplitude | SpectrumKind::Absolute => info.unit.symbol().to_owned(),
+            SpectrumKind::Amplitude | SpectrumKind::Absolute | SpectrumKind::Order => {
+                info.unit.symbol().to_owned()
+            }
             SpectrumKind::Psd => format!("({})^2/Hz", info.unit.symbol()),
-            SpectrumKind::Envelope => "1".to_owned(),
+            SpectrumKind::Envelope | SpectrumKind::Cepstrum => "1".to_owned(),
         };
         let band_hz =
             if self.kind == SpectrumKind::Envelope { self.band_hz } else { self.shown_hz };
         SpectrumWire {
             channel,
             kind: self.kind,
-            detector: (!is_density).then_some(self.detector.into()),
+            detector: has_detector.then_some(self.detector.into()),
             unit,
             resolution_hz: finite(self.fs_hz / bins.n_window as f64),
-            bin_width_hz: finite(bins.width_hz),
-            window: "hann".to_owned(),
+            bin_width_hz: bins.axis.width_hz().and_then(finite),
+            window: if self.kind == SpectrumKind::Cepstrum { "none" } else { "hann" }.to_owned(),
             averages: bins.averages,
             band_hz: [finite(band_hz.0), finite(band_hz.1)],
             start_sample,
@@ -327,6 +280,10 @@ impl SpectrumRequest {
             validity,
             decimated: kept.len() < shown.len(),
             frequency_hz: finite_column(kept.iter().map(|i| frequency_hz(shown[*i]))),
+            order: bins.axis.orders(kept.iter().map(|i| shown[*i])),
+            quefrency_s: bins.axis.quefrencies_s(kept.iter().map(|i| shown[*i])),
+            shaft_speed_hz: bins.axis.speed_hz().and_then(finite),
+            angle_from: bins.angle_from,
             value: finite_column(kept.iter().map(|i| f64::from(bins.value[shown[*i]]) * factor)),
         }
     }
@@ -337,11 +294,20 @@ fn samples_of(n_window: usize, averages: usize) -> usize {
     n_window + (averages - 1) * (n_window / 2)
 }
 
+/// Whether values of this kind are no amplitudes, so that no detector reads them.
+fn has_none(kind: SpectrumKind) -> bool {
+    matches!(kind, SpectrumKind::Psd | SpectrumKind::Cepstrum)
+}
+
 /// Refuses parameters that the kind does not have.
 fn refuse_strangers(query: &SpectrumQuery) -> Result<(), ApiError> {
     let has_band = query.band_low_hz.is_some() || query.band_high_hz.is_some();
     let strangers = [
-        (query.kind == SpectrumKind::Psd && query.detector.is_some(), "detector", "psd has none"),
+        (
+            has_none(query.kind) && query.detector.is_some(),
+            "detector",
+            "a density and a cepstrum have none",
+        ),
         (
             query.kind != SpectrumKind::Envelope && has_band,
             "band_low_hz and band_high_hz",
@@ -361,87 +327,16 @@ fn refuse_strangers(query: &SpectrumQuery) -> Result<(), ApiError> {
     }
 }
 
-/// Power mean √(mean v²) of the spectra of all whole windows, which overlap by half, and their
-/// number. `spectrum` writes the `n_bins` values of a window.
-fn power_mean(
-    samples: &[f32],
-    n_window: usize,
-    n_bins: usize,
-    mut spectrum: impl FnMut(&[f32], &mut [f32]),
-) -> (Vec<f32>, usize) {
-    let mut value = vec![0.0_f32; n_bins];
-    let mut power = vec![0.0_f64; n_bins];
-    let mut n_averages = 0_u32;
-    for window in samples.windows(n_window).step_by((n_window / 2).max(1)) {
-        spectrum(window, &mut value);
-        for (power, value) in power.iter_mut().zip(&value) {
-            *power += f64::from(*value) * f64::from(*value);
-        }
-        n_averages += 1;
-    }
-    let averages = f64::from(n_averages.max(1));
-    for (value, power) in value.iter_mut().zip(&power) {
-        #[expect(clippy::cast_possible_truncation, reason = "spectra are f32")]
-        let mean = (power / averages).sqrt() as f32;
-        *value = mean;
-    }
-    (value, n_averages as usize)
-}
-
-/// Turns `x` into the absolute vibration of `x` and `other` over the samples both hold; gives the
-/// first of them.
-fn absolute(
-    x: &mut Vec<f32>,
-    start: u64,
-    info: &ChannelInfo,
-    other: &Run,
-) -> Result<u64, ApiError> {
-    let y = &other.waveform;
-    let same = info.unit == other.info.unit && info.sample_rate == other.info.sample_rate;
-    if !same {
-        return Err(ApiError::Invalid(
-            "the two channels of an absolute vibration need one unit and one rate".to_owned(),
-        ));
-    }
-    let first = start.max(y.start);
-    let end = (start + x.len() as u64).min(y.start + y.samples.len() as u64);
-    let n = usize::try_from(end.saturating_sub(first)).unwrap_or(0);
-    let from = |begin: u64| usize::try_from(first - begin).unwrap_or(usize::MAX);
-    let (Some(x_part), Some(y_part)) = (
-        x.get(from(start)..).and_then(|x| x.get(..n)),
-        y.samples.get(from(y.start)..).and_then(|y| y.get(..n)),
-    ) else {
-        return Err(ApiError::NotFound("the two channels hold no samples of one time".to_owned()));
-    };
-    let mut out = vec![0.0; n];
-    absolute_vibration(x_part, y_part, &mut out);
-    *x = out;
-    Ok(first)
-}
-
-/// Finds the channel of the sensor that forms a pair with the one of `name`.
-fn partner<'m>(machine: &'m Machine, name: &str) -> Result<&'m str, ApiError> {
-    let channel = |index: usize| machine.sensors[index].channel.as_str();
-    machine
-        .sensor_pairs()
-        .into_iter()
-        .map(|pair| (channel(pair.x), channel(pair.y)))
-        .find_map(|(x, y)| if x == name { Some(y) } else { (y == name).then_some(x) })
-        .ok_or_else(|| {
-            ApiError::Invalid(format!(
-                "no sensor of the same kind and place stands 90° ± 5° from {name:?}; name the other \
-                 channel by with="
-            ))
-        })
-}
-
-/// The worse of two validities.
-fn worse(a: Validity, b: Validity) -> Validity {
-    let rank = |validity: Validity| match validity {
-        Validity::Ok => 0,
-        Validity::Gap => 1,
-        Validity::Clipped => 2,
-        Validity::Stale => 3,
-    };
-    if rank(b) > rank(a) { b } else { a }
+/// The absolute vibration of `x` and `other` over the samples both hold.
+fn absolute(x: Run, other: &Run) -> Result<Run, ApiError> {
+    let (first, xs, ys) = together(&x, other)?;
+    let mut out = vec![0.0; xs.len()];
+    absolute_vibration(xs, ys, &mut out);
+    let skipped = (first - x.waveform.start) as f64;
+    let validity = worse(x.validity, other.validity);
+    let Run { info, mut waveform, .. } = x;
+    waveform.start_time_s += skipped / info.sample_rate.0;
+    waveform.start = first;
+    waveform.samples = out;
+    Ok(Run { info, waveform, validity })
 }

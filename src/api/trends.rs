@@ -179,6 +179,15 @@ pub(super) async fn component(
         let handle = trends(&state)?;
         let (archive, id) = (Arc::clone(&handle.archive), id.clone());
         let known = state.compute(move || Ok(archive.subjects(&id)?)).await?;
+        let judged = view.diagnosis.iter().flat_map(|diagnosis| &diagnosis.components);
+        let mut judged = judged.filter(|one| one.id == component);
+        let is_judged = judged.any(|one| KindName::from(one.kind) == kind);
+        if is_judged && !known.contains(&subject) {
+            // Judged, and not yet stored: a history without points.
+            let part = Part { tier, start: view.start_time, max_points };
+            let points = shown(&columns, &part, None, &component)?;
+            return Ok(Json(ComponentTrendWire { kind, component, points }));
+        }
         if !known.contains(&subject) {
             let list = known.iter().filter_map(|subject| match subject {
                 Subject::Component(kind, id) => Some(format!("{} {id}", kind.name())),

@@ -2,6 +2,7 @@
 
 mod access;
 mod alarms;
+mod angles;
 pub(super) mod baselines;
 pub(super) mod events;
 pub(super) mod captures;

@@ -4,6 +4,7 @@ use super::diagnosis::CoverageWire;
 use super::names::{DataQualityName, FaultName, KindName, OperatingStateName, StateName};
 use super::{finite, finite_column, rfc3339};
 use crate::api::view::{MachineView, SourceState};
+use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::machine::bearing::{Bearing, BearingGeometry, RotatingRing};
 use crate::machine::kinematics::frequency_table;
 use crate::machine::limits::IsoGroup;
@@ -39,6 +40,17 @@ pub struct MachineItemWire {
     pub alarms: usize,
     /// Stream time of the newest sample, s.
     pub stream_time_s: Option<f64>,
+    /// Time of the newest sample; null before the first.
+    pub last_sample_time: Option<String>,
+    /// Worst data quality among the sensors; null before the first verdict.
+    pub data_quality: Option<DataQualityName>,
+    /// Since when it has this state; null before the first verdict.
+    pub since: Option<String>,
+    /// Why the source failed.
+    pub reason: Option<String>,
+    /// The components, if asked for; empty before the first verdict.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub components: Option<Vec<ComponentHealthWire>>,
 }
 
 /// A machine's description.
@@ -259,20 +271,59 @@ fn whole(view: &MachineView) -> (StateName, OperatingStateName) {
         })
 }
 
+/// Since when the component at `index`, behind the last the machine, has its state.
+fn since(view: &MachineView, index: usize) -> Option<String> {
+    view.state_since_s.get(index).map(|since_s| rfc3339(view.start_time, *since_s))
+}
+
+fn last_sample_time(view: &MachineView) -> Option<String> {
+    let received = view.rings.iter().any(|ring| ring.received > 0);
+    received.then(|| rfc3339(view.start_time, view.stream_time_s))
+}
+
+/// The health of each component; empty before the first verdict.
+fn component_healths(view: &MachineView) -> Vec<ComponentHealthWire> {
+    let components = view.diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.components);
+    let health = |(index, component): (usize, &ComponentDiagnosis)| ComponentHealthWire {
+        id: component.id.clone(),
+        kind: component.kind.into(),
+        state: component.state.into(),
+        fault: component.fault.map(Into::into),
+        since: since(view, index),
+        why: component.why.clone(),
+        severity: component.severity.and_then(finite),
+        confidence: component.confidence.and_then(finite),
+    };
+    components.iter().enumerate().map(health).collect()
+}
+
 impl MachineItemWire {
     /// Makes the list entry of a machine.
     #[must_use]
     pub fn new(machine: &Machine, view: &MachineView) -> Self {
         let (state, operating_state) = whole(view);
+        let (source, reason) = source_text(&view.source);
+        let diagnosis = view.diagnosis.as_ref();
         Self {
             id: machine.id.clone(),
             name: machine.name.clone(),
             state,
             operating_state,
-            source: source_text(&view.source).0.to_owned(),
+            source: source.to_owned(),
             alarms: view.alarms.len(),
             stream_time_s: finite(view.stream_time_s),
+            last_sample_time: last_sample_time(view),
+            data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
+            since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
+            reason: reason.map(str::to_owned),
+            components: None,
         }
+    }
+
+    /// The same with the health of each component.
+    #[must_use]
+    pub fn with_components(self, view: &MachineView) -> Self {
+        Self { components: Some(component_healths(view)), ..self }
     }
 }
 
@@ -410,32 +461,14 @@ impl HealthWire {
     #[must_use]
     pub fn new(machine: &Machine, view: &MachineView) -> Self {
         let (state, operating_state) = whole(view);
-        let since = |index: usize| {
-            view.state_since_s.get(index).map(|since_s| rfc3339(view.start_time, *since_s))
-        };
         let diagnosis = view.diagnosis.as_ref();
-        let components = diagnosis.map_or(&[][..], |diagnosis| &diagnosis.components);
         let (source, reason) = source_text(&view.source);
-        let received = view.rings.iter().any(|ring| ring.received > 0);
         Self {
             machine: machine.id.clone(),
             state,
-            since: diagnosis.and_then(|_| since(components.len())),
+            since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
             operating_state,
-            components: components
-                .iter()
-                .enumerate()
-                .map(|(index, component)| ComponentHealthWire {
-                    id: component.id.clone(),
-                    kind: component.kind.into(),
-                    state: component.state.into(),
-                    fault: component.fault.map(Into::into),
-                    since: since(index),
-                    why: component.why.clone(),
-                    severity: component.severity.and_then(finite),
-                    confidence: component.confidence.and_then(finite),
-                })
-                .collect(),
+            components: component_healths(view),
             data: HealthDataWire {
                 coverage: diagnosis.map_or(
                     CoverageWire { judged: 0, undetermined: Vec::new() },
@@ -445,7 +478,7 @@ impl HealthWire {
                     },
                 ),
                 data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
-                last_sample_time: received.then(|| rfc3339(view.start_time, view.stream_time_s)),
+                last_sample_time: last_sample_time(view),
                 time_unknown: view.start_time.is_none(),
                 source: source.to_owned(),
                 reason: reason.map(str::to_owned),

@@ -186,6 +186,22 @@ pub enum SpectrumKind {
     Envelope,
     /// Amplitude √(x² + y²) of a sensor pair, bin by bin.
     Absolute,
+    /// Amplitude over orders of the shaft, Hann: resampled to equal angles.
+    Order,
+    /// Power cepstrum: families of lines by their spacing.
+    Cepstrum,
+}
+
+/// Where the angle of a shaft comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AngleFrom {
+    /// A tacho with one pulse a revolution of this shaft: 0° is its mark.
+    Mark,
+    /// A tacho: 0° is one of its pulses, or of those of a shaft that turns in proportion.
+    Tacho,
+    /// The speed, taken as constant: 0° means nothing.
+    Speed,
 }
 
 /// A spectrum.
@@ -195,13 +211,13 @@ pub struct SpectrumWire {
     pub channel: String,
     /// Kind.
     pub kind: SpectrumKind,
-    /// Detector of `value`; null for a density.
+    /// Detector of `value`; null for a density and a cepstrum.
     pub detector: Option<DetectorName>,
     /// Unit of `value`.
     pub unit: String,
     /// Width by which two lines must differ to be told apart: 1/(window length), Hz.
     pub resolution_hz: Option<f64>,
-    /// Distance of two values of `frequency_hz` before thinning, Hz.
+    /// Distance of two values of `frequency_hz` before thinning, Hz; null for a cepstrum.
     pub bin_width_hz: Option<f64>,
     /// Window function.
     pub window: String,
@@ -217,8 +233,20 @@ pub struct SpectrumWire {
     pub validity: Validity,
     /// Whether each value is the largest of several bins.
     pub decimated: bool,
-    /// Frequencies, Hz.
+    /// Frequencies, Hz; of orders at the mean speed, of quefrencies the spacing of lines that they stand for.
     pub frequency_hz: Vec<Option<f64>>,
+    /// Of `order`: the orders.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<Vec<Option<f64>>>,
+    /// Of `cepstrum`: the quefrencies, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quefrency_s: Option<Vec<Option<f64>>>,
+    /// Of `order`: mean speed of the shaft, Hz.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shaft_speed_hz: Option<f64>,
+    /// Of `order`: where the angle comes from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_from: Option<AngleFrom>,
     /// Values.
     pub value: Vec<Option<f64>>,
 }
@@ -244,6 +272,18 @@ pub struct ScalogramWire {
     pub frequency_hz: Vec<Option<f64>>,
     /// Columns: start of each stretch of stream time, s.
     pub time_s: Vec<Option<f64>>,
+    /// Of whole revolutions: the angle of the shaft at each column, degrees from the first on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<Vec<Option<f64>>>,
+    /// Of whole revolutions: where the angle comes from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_from: Option<AngleFrom>,
+    /// Of whole revolutions: the shaft.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shaft: Option<String>,
+    /// Of whole revolutions: its mean speed, Hz.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shaft_speed_hz: Option<f64>,
     /// Largest |W| of each stretch, zero-to-peak, one array a frequency.
     pub magnitude: Vec<Vec<Option<f64>>>,
     /// First column and one past the last outside the cone of influence, one pair a frequency; what
