@@ -120,7 +120,7 @@ speed = "fast"
         "4:1: server.port: unknown key, allowed here: bind, token_file, hosts, cors_origins",
         "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
         "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
-        "9:2: alarm: unknown key, allowed here: server, server.tls, ingest, store, recording, captures, pipeline, diagnosis, alarms, machine, source",
+        "9:2: alarm: unknown key, allowed here: server, server.tls, ingest, store, recording, captures, pipeline, diagnosis, alarms, log, machine, source",
         "16:1: source[0].speed: \"fast\" is not \"max\" or a number above 0",
         "3:1: server.bind: 0.0.0.0:8080 can be reached from other hosts",
         "7:1: pipeline.hop_seconds: 20 s is longer than window_seconds (10 s)",
