@@ -125,8 +125,13 @@ impl Browser {
 
     /// Looks until an expression of the page is neither null nor false.
     pub(crate) fn wait(&self, expression: &str) -> Value {
+        self.wait_for(expression, expression)
+    }
+
+    /// The same, and says `what` was waited for.
+    pub(crate) fn wait_for(&self, what: &str, expression: &str) -> Value {
         let script = format!("return ({expression}) ?? null;");
-        eventually(expression, || {
+        eventually(what, || {
             let found = self.run(&script);
             (!found.is_null() && found != json!(false)).then_some(found)
         })
