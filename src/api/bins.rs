@@ -11,6 +11,7 @@ use crate::dsp::envelope::{EnvelopeSpectrumPlan, SquaredEnvelopePlan, bins_of_ba
 use crate::dsp::fft::{FftCache, ForwardPlan, n_bins};
 use crate::dsp::order_spectrum::OrderSpectrumPlan;
 use crate::dsp::order_track::OrderTrackPlan;
+use crate::dsp::real::Real;
 use crate::dsp::spectrum::AmplitudePlan;
 use crate::dsp::welch::WelchPlan;
 use crate::dsp::window::Shape;
@@ -179,7 +180,7 @@ fn power_cepstrum(
         n_averages += 1;
     }
     let averages = f64::from(n_averages.max(1));
-    (sum.iter().map(|sum| single(sum / averages)).collect(), n_averages as usize)
+    (sum.iter().map(|sum| f32::rounded(sum / averages)).collect(), n_averages as usize)
 }
 
 /// Order spectrum (D70) of the whole revolutions there are, the newest `n_window` samples long at most.
@@ -192,9 +193,9 @@ fn orders(
     let Wanted { fs_hz, n_window, .. } = *wanted;
     let none = || ApiError::NotFound("no whole revolution of the shaft is held".to_owned());
     // The newest window: a spectrum of orders is not averaged, a longer window resolves more.
-    let samples = &samples[samples.len() - n_window..];
-    let skipped_s = (n_window.max(samples.len()) - n_window) as f64 / fs_hz;
-    let track = turns.track.seen_from(skipped_s);
+    let skipped = samples.len() - n_window;
+    let samples = &samples[skipped..];
+    let track = turns.track.seen_from(skipped as f64 / fs_hz);
     let end_s = (n_window - 1) as f64 / fs_hz;
     let (begin, last, times_s) = last_whole(&track, (0.0, end_s), usize::MAX).ok_or_else(none)?;
     let speed_hz = (last - begin) / (times_s[1] - times_s[0]);
@@ -228,12 +229,6 @@ fn whole(value: f64) -> usize {
     whole
 }
 
-fn single(value: f64) -> f32 {
-    #[expect(clippy::cast_possible_truncation, reason = "spectra are f32")]
-    let single = value as f32;
-    single
-}
-
 /// Power mean √(mean v²) of the spectra of all whole windows, which overlap by half, and their
 /// number. `spectrum` writes the `n_bins` values of a window.
 fn power_mean(
@@ -254,7 +249,36 @@ fn power_mean(
     }
     let averages = f64::from(n_averages.max(1));
     for (value, power) in value.iter_mut().zip(&power) {
-        *value = single((power / averages).sqrt());
+        *value = f32::rounded((power / averages).sqrt());
     }
     (value, n_averages as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dsp::order::PhaseTrack;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn orders_of_the_newest_window_are_read_along_the_angle_of_that_window() {
+        let fs_hz = 2048.0;
+        let n_window = 4096;
+        // From 10 to 18 r/s in the 4 s held, of which the window has the last two.
+        let revolutions = |t: f64| 10.0 * t + t * t;
+        let times_s: Vec<f64> = (0..=40).map(|i| 0.1 * f64::from(i)).collect();
+        let turned: Vec<f64> = times_s.iter().map(|t| revolutions(*t)).collect();
+        let track = PhaseTrack::from_knots(&times_s, &turned).unwrap();
+        let turns = Turns { track, from: AngleFrom::Mark };
+        let third = |i: usize| f32::rounded((TAU * 3.0 * revolutions(i as f64 / fs_hz)).sin());
+        let samples: Vec<f32> = (0..2 * n_window).map(third).collect();
+        let band_hz = (0.0, 0.0);
+        let wanted = Wanted { kind: SpectrumKind::Order, fs_hz, n_window, band_hz };
+        let bins = wanted_bins(&wanted, &samples, Some(&turns)).unwrap();
+        let Axis::Order { width, .. } = bins.axis else { panic!("an axis of orders") };
+        let k = bins.value.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).unwrap().0;
+        assert!((k as f64 * width - 3.0).abs() < 1e-9, "{}", k as f64 * width);
+        // Whole revolutions hold whole periods: the height is the amplitude, but for the resampling.
+        assert!((bins.value[k] - 1.0).abs() < 1e-3, "{}", bins.value[k]);
+    }
 }

@@ -1,6 +1,7 @@
 //! Answers that a client holds already are not sent again: `ETag` and `If-None-Match`, by content.
 //!
-//! For what is asked for again and again, and changes with a verdict only: health, diagnosis, spectra.
+//! For what is asked for again and again and changes with a verdict only (health, diagnosis, spectra), and for the
+//! page, which changes with the program only.
 
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::Request;
@@ -15,10 +16,14 @@ const PATHS: [&str; 3] = ["/health", "/diagnosis", "/spectrum"];
 /// Longest body that is looked at, bytes.
 const MAX_BYTES: usize = 4 << 20;
 
+/// Whether answers of a path have a tag: the page, and what changes with a verdict only.
+fn is_tagged(path: &str) -> bool {
+    path == "/" || path.starts_with("/dashboard/") || PATHS.iter().any(|end| path.ends_with(end))
+}
+
 /// Tags an answer, or says that the client holds it.
 pub(super) async fn conditional(request: Request, next: Next) -> Response {
-    let path = request.uri().path();
-    if request.method() != Method::GET || !PATHS.iter().any(|end| path.ends_with(end)) {
+    if request.method() != Method::GET || !is_tagged(request.uri().path()) {
         return next.run(request).await;
     }
     let held = request.headers().get(header::IF_NONE_MATCH).cloned();

@@ -36,6 +36,8 @@ mod ingest;
 mod baselines;
 mod captures;
 #[cfg(test)]
+mod played;
+#[cfg(test)]
 mod support;
 #[cfg(test)]
 mod tests;
@@ -159,7 +161,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .fallback(async || ApiError::of_status(StatusCode::NOT_FOUND))
         .layer(from_fn(conditional::conditional))
         .layer(from_fn_with_state(state.clone(), entry::enter))
-        .merge(pages)
+        .merge(pages.layer(from_fn(conditional::conditional)))
         .layer(from_fn_with_state(state.clone(), guard::concurrency));
     let live = Router::from(live_routes()).with_state(shared);
     let timeout = TimeoutLayer::with_status_code(

@@ -1,15 +1,14 @@
 //! For tests of the API: a sample diagnosis, a machine, a small shard thread with known signals.
 
+use super::played::{sample_simulation, shard};
 use super::router;
 use super::state::{ApiState, Settings};
-use super::tests::baselines::sample_measured;
 use super::view::{
-    AlarmHistory, BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView,
-    NotTaken, ScenarioRequest, ShardBusy, ShardRequest, SimulationHandle, SourceState, StoreHandle,
-    Trend, TrendHandle, Waveform,
+    BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView, ShardBusy,
+    SourceState, StoreHandle, TrendHandle,
 };
 use crate::alarms::load;
-use crate::alarms::{self, AlarmEngine, Moment};
+use crate::alarms::{self, AlarmEngine};
 use crate::buffer::RingStatus;
 use crate::diagnosis::fault::{ComponentKind, Detector, FaultMode, State};
 use crate::diagnosis::verdict::{
@@ -18,11 +17,8 @@ use crate::diagnosis::verdict::{
 };
 use crate::features::speed::SpeedSource;
 use crate::features::{ChannelFeatures, Feature};
-use crate::ingest::simulated::{Lag, Status};
 use crate::machine::file;
 use crate::signal::{ChannelIndex, ChannelInfo, SampleIndex, Timestamp};
-use crate::simulator::scenario::{ScenarioError, Wanted};
-use crate::simulator::scene::Faults;
 use crate::units::{Hz, Unit};
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
@@ -31,7 +27,7 @@ use serde_json::Value;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::sync_channel;
 use tokio::sync::watch;
 use tower::ServiceExt;
 
@@ -343,45 +339,6 @@ impl Service {
     }
 }
 
-/// A simulated source that takes combinations of a bad bearing only.
-fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
-    let status = Status {
-        scene: "GG_GS_GB".to_owned(),
-        scenario: Some("GG_GS_GB"),
-        possible: vec!["GG_GS_GB", "GG_GS_BB"],
-        wanted: Faults::default(),
-        present: Faults::default(),
-        since_s: 2.0,
-        grown_at_s: 2.0,
-        simulated_s: 12.0,
-        speed: Some(1.0),
-        lag: Lag::default(),
-        keeps_pace: true,
-        warnings: Vec::new(),
-    };
-    let (publisher, view) = watch::channel(Arc::new(status.clone()));
-    let submit = move |request: ScenarioRequest| {
-        // Kept with its owner, so that the snapshot stays readable.
-        let _kept = &publisher;
-        let ScenarioRequest { wanted, grow_s, reply } = request;
-        let answer = match wanted {
-            _ if behaviour == Behaviour::Full => return Err(NotTaken::Busy),
-            _ if behaviour == Behaviour::Silent => return Err(NotTaken::Ended),
-            Wanted::Combination(name) if name == "GG_GS_BB" => {
-                let grown_at_s = 12.0 + grow_s;
-                let scenario = Some("GG_GS_BB");
-                Ok(Arc::new(Status { scenario, since_s: 12.0, grown_at_s, ..status.clone() }))
-            }
-            Wanted::Combination(_) | Wanted::Faults(_) => {
-                Err(ScenarioError::Refused("not this one".to_owned()))
-            }
-        };
-        let _ = reply.send(answer);
-        Ok(())
-    };
-    SimulationHandle { view, submit: Arc::new(submit) }
-}
-
 async fn panics() -> String {
     panic!("a handler's own fault")
 }
@@ -404,7 +361,7 @@ pub(crate) fn sample(channel: usize, i: u64) -> f32 {
     sample
 }
 
-fn channel_infos() -> Vec<ChannelInfo> {
+pub(super) fn channel_infos() -> Vec<ChannelInfo> {
     let info = |name: &str, sample_rate, unit, full_scale| ChannelInfo {
         name: name.to_owned(),
         sample_rate: Hz(sample_rate),
@@ -421,7 +378,7 @@ fn channel_infos() -> Vec<ChannelInfo> {
     ]
 }
 
-fn ring_status(info: &ChannelInfo) -> RingStatus {
+pub(super) fn ring_status(info: &ChannelInfo) -> RingStatus {
     let n_probe = u64::from(2048 * HELD_S);
     let n = if info.name == "probe" { n_probe } else { 2 * n_probe };
     RingStatus {
@@ -462,79 +419,5 @@ pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
         advance: engine.advance().into(),
         queue_bytes: 0,
         dropped: (0, 0),
-    }
-}
-
-/// Answers requests until all senders are gone.
-fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, behaviour: Behaviour) {
-    let mut kept = Vec::new();
-    for request in inbox {
-        if behaviour == Behaviour::Silent {
-            kept.push(request);
-            continue;
-        }
-        // A client that no longer waits is no fault.
-        match request {
-            ShardRequest::Waveform { channel, end, max_samples, reply } => {
-                let _ = reply.send(held(channel, end, max_samples));
-            }
-            ShardRequest::Trend { reply, .. } => {
-                let _ = reply.send(sample_trend());
-            }
-            ShardRequest::Act { act, reply } => {
-                let done = engine.act(&act, Moment::of_stream(12.0));
-                let _ = reply.send(done.map(|(alarm, _)| alarm).map_err(Into::into));
-            }
-            ShardRequest::Announce { wanted, reply } => {
-                let done = engine.announce(&wanted, Moment::of_stream(12.0));
-                let _ = reply.send(done.map(|(said, _)| said).map_err(Into::into));
-            }
-            ShardRequest::Revoke { number, by: (author, comment), reply } => {
-                let now = Moment::of_stream(12.0);
-                let done = engine.revoke(number, (&author, &comment), now);
-                let _ = reply.send(done.map(|(ended, _)| ended).map_err(Into::into));
-            }
-            ShardRequest::AlarmHistory { reply } => {
-                let events = engine.history().iter().cloned().collect();
-                let _ = reply.send(AlarmHistory { events, dropped: engine.history_dropped() });
-            }
-            ShardRequest::Capture { reply, .. } => {
-                let _ = reply.send(Ok("rig-1-00000007".to_owned()));
-            }
-            ShardRequest::Measure { span, reply } => {
-                let _ = reply.send(sample_measured(span));
-            }
-            ShardRequest::UseBaselines { reply, .. } => {
-                let _ = reply.send(());
-            }
-        }
-    }
-}
-
-fn held(channel: usize, end: Option<u64>, max_samples: usize) -> Option<Waveform> {
-    let info = &channel_infos()[channel];
-    let ring = ring_status(info);
-    let end = end.unwrap_or(u64::MAX).min(ring.newest.0);
-    let start = end.saturating_sub(max_samples as u64).max(ring.oldest.0);
-    (start < end).then(|| Waveform {
-        start,
-        start_time_s: start as f64 / info.sample_rate.0,
-        samples: (start..end).map(|i| sample(channel, i)).collect(),
-    })
-}
-
-fn sample_trend() -> Trend {
-    let n = 1000;
-    let column = |value: fn(usize) -> f64| (0..n).map(value).collect::<Vec<f64>>();
-    Trend {
-        time_s: column(|i| 10.0 + i as f64),
-        columns: vec![
-            ("rms".to_owned(), Unit::MetrePerSecondSquared, column(|i| i as f64)),
-            (
-                "kurtosis".to_owned(),
-                Unit::One,
-                column(|i| if i == 777 { f64::INFINITY } else { 3.0 }),
-            ),
-        ],
     }
 }

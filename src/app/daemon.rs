@@ -5,32 +5,29 @@ use super::access::Guard;
 use super::baselines::Watch;
 use super::build;
 use super::build::Plan;
-use super::build::ShardPlan;
-use super::build::SourcePlan;
-use super::build::Work;
 use super::http;
 use super::http::ReadinessCheck;
 use super::link::ShardQueue;
 use super::live;
 use super::live::Hub;
+use super::live::values::Listener;
 use super::notify::Notifier;
 use super::reload::Levers;
 use super::reload::Reloader;
-use super::shard;
 use super::shard::Heartbeat;
-use super::simulated;
-use super::source;
 use super::start_error::StartError;
 use super::stop::Stop;
 use super::supervisor;
 use super::supervisor::Moves;
+use super::threads::Crew;
+use super::threads::Threads;
+use super::tls::Tls;
+use crate::access::Door;
 use crate::api::state;
 use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
 use crate::api::view::StoreHandle;
 use crate::config::Config;
-use crate::ingest::replay;
-use crate::telemetry::Metrics;
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
@@ -39,7 +36,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::mpsc;
-use std::thread;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::signal::unix::Signal;
@@ -97,29 +93,20 @@ impl Daemon {
     /// # Errors
     /// See [`StartError`].
     pub fn start(config: &Config) -> Result<Self, StartError> {
-        let plan = build::plan(config)?;
-        if plan.handles.is_empty() {
-            tracing::warn!("no machine is configured, nothing will be monitored");
-        }
-        let runtime = runtime().map_err(|source| system("threads for http", source))?;
-        let (address, listener) = bind(config.bind, &runtime)?;
         let (stop, server_stop) = (Arc::new(Stop::default()), CancellationToken::new());
-        let listens = plan.ports.iter().any(|port| port.live().listens);
-        let senders = listens.then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let Ready {
+            plan,
+            runtime,
+            http: (address, listener),
+            senders,
+            guard,
+            hub,
+            brokers,
+            signals,
+        } = Ready::of(config, &stop)?;
+        let Guard { door, tls, warnings } = guard;
         let ingest = senders.as_ref().map(|(address, _)| *address);
-        let Guard { door, tls, warnings } =
-            access::guard(config, (address, ingest), &plan.metrics.access())?;
-        let hub = (!plan.ports.is_empty()).then(|| {
-            let (ports, metrics) = (plan.ports.clone(), plan.metrics.ingest());
-            let of_ingest = config.access.tls.as_ref().is_some_and(|tls| tls.of_ingest);
-            let guard = (Arc::clone(&door), tls.clone().filter(|_| of_ingest));
-            Arc::new(Hub::new(&config.ingest, guard, ports, metrics, Arc::clone(&stop)))
-        });
-        let open = hub.clone().filter(|_| listens);
-        let brokers = hub.as_ref().map(Hub::listeners).transpose()?.unwrap_or_default();
-        let signals =
-            Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
-
+        let open = hub.clone().filter(|_| senders.is_some());
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         runtime.spawn(supervisor::feed(moves(&plan), server_stop.clone()));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
@@ -128,38 +115,23 @@ impl Daemon {
         let (trending, trends) = (plan.trending, plan.trends);
         let limits = Arc::clone(&trending.limits);
         let (writing, captures) = plan.captures.unzip();
-        let clock = keeper.clock;
         let descriptions = Arc::new(Mutex::new(super::baselines::descriptions(config)));
         let watch =
             Watch::new(&config.store.directory, handles.clone(), Arc::clone(&descriptions))?;
         let queues: Vec<_> = shards.iter().map(|shard| Arc::clone(&shard.queue)).collect();
-        let mut threads = Threads::new(6 + shards.len() + sources.len() + brokers.len());
-        let (watch_stop, trend_stop) = (Arc::clone(&stop), Arc::clone(&stop));
-        let started = threads
-            .start("store".to_owned(), move || keeping.run())
-            .and_then(|()| threads.start("baselines".to_owned(), move || watch.run(&watch_stop)))
-            .and_then(|()| threads.start("trends".to_owned(), move || trending.run(&trend_stop)))
-            .and_then(|()| match writing {
-                Some(writing) => threads.start("captures".to_owned(), move || writing.run(clock)),
-                None => Ok(()),
-            })
-            .and_then(|()| notifier.start(runtime.handle(), &handles, &server_stop))
-            .and_then(|()| {
-                let (Some(hub), Some((_, listener))) = (hub.clone(), senders) else {
-                    return Ok(());
-                };
-                let stop = Arc::clone(&stop);
-                let listen = move || live::tcp::run(&listener, &hub, &stop);
-                threads.start("senders".to_owned(), listen)
-            })
-            .and_then(|()| {
-                for (i, broker) in brokers.into_iter().enumerate() {
-                    let stop = Arc::clone(&stop);
-                    threads.start(format!("broker-{i}"), move || broker.run(&stop))?;
-                }
-                Ok(())
-            })
-            .and_then(|()| start_threads(&mut threads, shards, sources, &metrics, &stop));
+        let crew = Crew {
+            keeping,
+            watch,
+            trending,
+            writing: writing.map(|plan| (plan, keeper.clock)),
+            listening: hub.zip(senders.map(|(_, listener)| listener)),
+            brokers,
+            shards,
+            sources,
+        };
+        let (threads, started) = crew.start(&metrics, &stop);
+        let started =
+            started.and_then(|()| notifier.start(runtime.handle(), &handles, &server_stop));
         if let Err(source) = started {
             queues.iter().for_each(|queue| queue.close());
             stop.set();
@@ -191,18 +163,20 @@ impl Daemon {
             warnings,
             ..state::Settings::new(address)
         };
-        let store = StoreHandle { archive: keeper.archive, status: keeper.status };
-        let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness);
-        let stalled = events.stalled.clone();
-        let state =
-            state.with_door(door).with_store(store).with_baselines(baselines).with_events(events);
-        let listener = http::Patient::new(listener, stalled)
+        let listener = http::Patient::new(listener, events.stalled.clone())
             .with_tls(tls.as_ref())
             .counting_refused(metrics.access().connections_refused);
-        let state = state.with_trends(trends).with_captures(captures);
-        let state = state.with_recordings(super::recording::root(config));
-        let state = state.with_configuration(configuration);
-        let router = http::router(state.with_ingest(open.map(live::pipe::handle)));
+        let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness)
+            .with_door(door)
+            .with_store(StoreHandle { archive: keeper.archive, status: keeper.status })
+            .with_baselines(baselines)
+            .with_events(events)
+            .with_trends(trends)
+            .with_captures(captures)
+            .with_recordings(super::recording::root(config))
+            .with_configuration(configuration)
+            .with_ingest(open.map(live::pipe::handle));
+        let router = http::router(state);
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {
@@ -320,43 +294,52 @@ impl Daemon {
     }
 }
 
-/// Starts a thread for each shard and each source.
-fn start_threads(
-    threads: &mut Threads,
-    shards: Vec<ShardPlan>,
-    sources: Vec<SourcePlan>,
-    metrics: &Metrics,
+/// What a start needs and what can fail: all of it before the first thread.
+struct Ready {
+    plan: Plan,
+    runtime: Runtime,
+    http: (SocketAddr, tokio::net::TcpListener),
+    senders: Option<(SocketAddr, TcpListener)>,
+    guard: Guard,
+    hub: Option<Arc<Hub>>,
+    brokers: Vec<Listener>,
+    signals: Signals,
+}
+
+impl Ready {
+    fn of(config: &Config, stop: &Arc<Stop>) -> Result<Self, StartError> {
+        let plan = build::plan(config)?;
+        if plan.handles.is_empty() {
+            tracing::warn!("no machine is configured, nothing will be monitored");
+        }
+        let runtime = runtime().map_err(|source| system("threads for http", source))?;
+        let http = bind(config.bind, &runtime)?;
+        let listens = plan.ports.iter().any(|port| port.live().listens);
+        let senders = listens.then(|| bind_senders(config.ingest.bind)).transpose()?;
+        let ingest = senders.as_ref().map(|(address, _)| *address);
+        let guard = access::guard(config, (http.0, ingest), &plan.metrics.access())?;
+        let hub = hub(config, &plan, (&guard.door, guard.tls.as_ref()), stop);
+        let brokers = hub.as_ref().map(Hub::listeners).transpose()?.unwrap_or_default();
+        let signals =
+            Signals::catch(&runtime).map_err(|source| system("signal handlers", source))?;
+        Ok(Self { plan, runtime, http, senders, guard, hub, brokers, signals })
+    }
+}
+
+/// What takes senders' samples in, where any machine has them.
+fn hub(
+    config: &Config,
+    plan: &Plan,
+    (door, tls): (&Arc<Door>, Option<&Tls>),
     stop: &Arc<Stop>,
-) -> io::Result<()> {
-    for (number, plan) in (0_u64..).zip(shards) {
-        let queue_bytes = metrics.queue_bytes(number);
-        let ShardPlan { queue, mut machines, heartbeat } = plan;
-        threads.start(format!("shard-{number}"), move || {
-            shard::run(&queue, &mut machines, &heartbeat, &queue_bytes);
-        })?;
+) -> Option<Arc<Hub>> {
+    if plan.ports.is_empty() {
+        return None;
     }
-    for plan in sources {
-        let stop = Arc::clone(stop);
-        threads.start(format!("source-{}", plan.machine.id), move || {
-            let SourcePlan { machine, work, link, recording, is_captured } = plan;
-            match work {
-                Work::Replay(settings) => {
-                    let is_received = recording.is_some() || is_captured;
-                    let mut open = || {
-                        let open =
-                            if is_received { replay::open_with_received } else { replay::open };
-                        open(&settings.file, &machine, &settings.hints)
-                    };
-                    source::run(&settings, &mut open, &link, &stop, (recording, is_captured));
-                }
-                Work::Simulate(mut source, desk) => {
-                    let kept = (recording, is_captured);
-                    simulated::run(&machine.id, &mut source, &desk, &link, &stop, kept);
-                }
-            }
-        })?;
-    }
-    Ok(())
+    let (ports, metrics) = (plan.ports.clone(), plan.metrics.ingest());
+    let of_ingest = config.access.tls.as_ref().is_some_and(|tls| tls.of_ingest);
+    let guard = (Arc::clone(door), tls.filter(|_| of_ingest).cloned());
+    Some(Arc::new(Hub::new(&config.ingest, guard, ports, metrics, Arc::clone(stop))))
 }
 
 fn runtime() -> io::Result<Runtime> {
@@ -433,52 +416,5 @@ impl Signals {
             terminate: signal(SignalKind::terminate())?,
             interrupt: signal(SignalKind::interrupt())?,
         })
-    }
-}
-
-/// Threads that tell when they have ended, so that waiting for them has a limit.
-struct Threads {
-    n_running: usize,
-    ended: mpsc::SyncSender<()>,
-    endings: mpsc::Receiver<()>,
-}
-
-impl Threads {
-    fn new(n_max: usize) -> Self {
-        let (ended, endings) = mpsc::sync_channel(n_max);
-        Self { n_running: 0, ended, endings }
-    }
-
-    fn start(&mut self, name: String, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
-        let ended = Ended(self.ended.clone());
-        let _detached = thread::Builder::new().name(name).spawn(move || {
-            let _ended = ended;
-            work();
-        })?;
-        self.n_running += 1;
-        Ok(())
-    }
-
-    /// Waits until all have ended, at most `limit`; gives the number that has not.
-    fn wait(mut self, limit: Duration) -> usize {
-        let deadline = super::now() + limit;
-        while self.n_running > 0 {
-            let left = deadline.saturating_duration_since(super::now());
-            if self.endings.recv_timeout(left).is_err() {
-                break;
-            }
-            self.n_running -= 1;
-        }
-        self.n_running
-    }
-}
-
-/// Tells the end of its thread, by return or by panic.
-struct Ended(mpsc::SyncSender<()>);
-
-impl Drop for Ended {
-    fn drop(&mut self) {
-        // The channel has room for every thread; without a receiver nobody waits.
-        let _nobody_waits = self.0.try_send(());
     }
 }

@@ -42,6 +42,7 @@ mod supervisor;
 pub mod http;
 pub mod start_error;
 mod stores;
+mod threads;
 pub mod build;
 pub mod daemon;
 

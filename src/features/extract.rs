@@ -19,11 +19,10 @@ use super::reception;
 use super::run_up;
 use super::sensor;
 use super::sensor::SensorReading;
+use super::settle;
 use super::shaft;
 use super::speed;
-use super::speed::Peak;
 use super::speed::Phase;
-use super::speed::Speed;
 use super::speed::SpeedHints;
 use super::trace;
 use super::trace::Trace;
@@ -101,7 +100,8 @@ impl Extractor {
             trace.features.extend(limit::bands(&machine, trace.sensor, spectrum, unit));
         }
         let heard = if traces.is_empty() { &cut } else { &traces };
-        let settled = self.speed(window, &sensors, heard);
+        let told = settle::Told { machine: &machine, channels: &self.channels, hints: self.hints };
+        let settled = told.speed(window, &sensors, heard);
         let mut speed = following::refine(&machine, settled, heard, &mut self.plans);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
@@ -273,63 +273,6 @@ impl Extractor {
             traces.push(trace);
         }
         (traces, cut)
-    }
-
-    /// Peaks of a proximity probe, in speeds of the first shaft; `None` of any other sensor.
-    fn of_probe(&self, trace: &Trace<'_>, peaks: &[Peak]) -> Option<Vec<Peak>> {
-        let sensor = &self.machine.sensors[trace.sensor];
-        let shaft =
-            self.machine.shaft_at(sensor).filter(|_| sensor.kind == SensorKind::Proximitor)?;
-        let ratio = self.machine.shafts[shaft.0].ratio_to_first?;
-        let of_first = |p: &Peak| Peak { frequency: Hz(p.frequency.0 / ratio), ..*p };
-        Some(peaks.iter().map(of_first).collect())
-    }
-
-    /// Speed of the first shaft by the contract's precedence.
-    fn speed(&self, window: &Window<'_>, sensors: &[SensorReading], traces: &[Trace<'_>]) -> Speed {
-        let nominal =
-            speed::nominal(self.hints, self.machine.shafts.first().and_then(|s| s.nominal_speed));
-        if let Some(measured) =
-            super::tacho::measured_speed(&self.machine, &self.channels, window, sensors)
-        {
-            return super::tacho::with_disagreement(measured, nominal);
-        }
-        let Some((nominal, source)) = nominal else { return Speed::unknown() };
-        let (mut peaks, mut probes): (Vec<Peak>, Vec<Vec<Peak>>) = Default::default();
-        let mut duration_s = f64::INFINITY;
-        for trace in traces {
-            let rate = trace.rate;
-            let n = trace.samples.len();
-            duration_s = duration_s.min(n as f64 / rate.0);
-            let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
-            let found = speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5));
-            probes.extend(self.of_probe(trace, &found));
-            peaks.extend(found);
-        }
-        let imitators = speed::imitators(&self.machine);
-        let excluded = super::lines::mains_lines(&self.machine, Hz(nominal.0 * 6.0));
-        let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
-            .or_else(|| speed::find_probe_line(&probes, nominal, duration_s, &excluded));
-        let mut settled = speed::settle(nominal, source, comb);
-        if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
-            settled.notes.extend(super::tacho::disagreement(
-                "--speed",
-                option,
-                "the capture",
-                capture,
-            ));
-        }
-        if let (Some(capture), Some(machine)) =
-            (self.hints.capture, self.machine.shafts.first().and_then(|s| s.nominal_speed))
-        {
-            settled.notes.extend(super::tacho::disagreement(
-                "the capture",
-                capture,
-                "the machine file",
-                machine,
-            ));
-        }
-        settled
     }
 
     /// Absolute vibration of every pair: its lines, and CWT amplitudes added to x's features.

@@ -5,6 +5,7 @@
 //! judges: no threshold of health stands here. Must not know baselines, verdicts or alarms.
 
 pub mod plans;
+mod settle;
 pub mod speed;
 pub mod tacho;
 mod trace;

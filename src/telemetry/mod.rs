@@ -5,6 +5,7 @@
 
 mod access;
 mod configuration;
+mod labels;
 mod log;
 mod meters;
 
@@ -28,7 +29,13 @@ pub use meters::StoreMetrics;
 pub use meters::StreamMetrics;
 pub use meters::TrendMetrics;
 
-use prometheus_client::encoding::EncodeLabelSet;
+use labels::AlarmLabels;
+use labels::ChannelLabels;
+use labels::FateLabels;
+use labels::MachineLabels;
+use labels::NotificationLabels;
+use labels::ReceiverLabels;
+use labels::ShardLabels;
 use prometheus_client::encoding::text;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -43,53 +50,6 @@ use std::sync::atomic::AtomicU64;
 /// whose queue is full within seconds.
 const LATENCY_BOUNDS_S: [f64; 12] =
     [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0, 30.0];
-
-/// Labels of what is counted for a channel.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ChannelLabels {
-    machine: String,
-    channel: String,
-}
-
-/// Labels of what is counted for a machine.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct MachineLabels {
-    machine: String,
-}
-
-/// Labels of what is counted of a machine's alarms.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct AlarmLabels {
-    machine: String,
-    what: String,
-}
-
-/// Labels of what became of a channel's samples.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct FateLabels {
-    machine: String,
-    channel: String,
-    fate: String,
-}
-
-/// Labels of what became of notifications.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct NotificationLabels {
-    receiver: String,
-    outcome: String,
-}
-
-/// Labels of a receiver of notifications.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ReceiverLabels {
-    receiver: String,
-}
-
-/// Labels of what is measured on a shard.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ShardLabels {
-    shard: u64,
-}
 
 /// All metrics, by name.
 pub struct Metrics {

@@ -16,13 +16,9 @@ use std::process::Command;
 use std::process::Stdio;
 use std::thread;
 use std::time::Duration;
-use std::time::Instant;
 
 /// Longest wait for anything: a verdict needs a window of samples in real time, on a loaded computer too.
 const LIMIT: Duration = Duration::from_secs(180);
-
-/// Time between two looks.
-const POLL: Duration = Duration::from_millis(100);
 
 /// Key that stands for an element in answers.
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
@@ -131,7 +127,7 @@ impl Browser {
     /// The same, and says `what` was waited for.
     pub(crate) fn wait_for(&self, what: &str, expression: &str) -> Value {
         let script = format!("return ({expression}) ?? null;");
-        eventually(what, || {
+        support::wait_within(LIMIT, what, || {
             let found = self.run(&script);
             (!found.is_null() && found != json!(false)).then_some(found)
         })
@@ -230,20 +226,6 @@ fn capabilities(size: Size) -> Value {
         "goog:loggingPrefs": { "browser": "ALL" },
         "timeouts": { "script": 120_000 },
     } } })
-}
-
-/// Looks until `look` gives something; fails after three minutes.
-pub(crate) fn eventually<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    #[expect(clippy::disallowed_methods, reason = "a limit for a test that hangs")]
-    let now = Instant::now;
-    let started = now();
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(now().duration_since(started) < LIMIT, "waited in vain for {what}");
-        thread::sleep(POLL);
-    }
 }
 
 /// A demonstration with its own folder and a free port; killed when dropped.

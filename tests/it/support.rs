@@ -328,7 +328,16 @@ fn agent() -> ureq::Agent {
 }
 
 /// Looks every 20 ms until `look` gives something; fails after 30 s.
-pub(crate) fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+pub(crate) fn wait_until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    wait_within(LIMIT, what, look)
+}
+
+/// Looks every 20 ms until `look` gives something; fails after `limit`.
+pub(crate) fn wait_within<T>(
+    limit: Duration,
+    what: &str,
+    mut look: impl FnMut() -> Option<T>,
+) -> T {
     #[expect(clippy::disallowed_methods, reason = "a limit for a test that hangs")]
     let now = Instant::now;
     let started = now();
@@ -336,7 +345,7 @@ pub(crate) fn wait_until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> 
         if let Some(found) = look() {
             return found;
         }
-        assert!(now().duration_since(started) < LIMIT, "waited in vain for {what}");
+        assert!(now().duration_since(started) < limit, "waited in vain for {what}");
         thread::sleep(POLL);
     }
 }

@@ -29,7 +29,9 @@ async fn every_answer_has_the_security_headers() {
         assert!(!policy.contains("unsafe") && !policy.contains("http"));
         assert_eq!(answer.header("x-content-type-options"), "nosniff");
         assert_eq!(answer.header("referrer-policy"), "no-referrer");
-        assert_eq!(answer.header("cache-control"), "no-store");
+        // The page is tagged, and asked for again each time.
+        let held = if path == "/" { "private, no-cache" } else { "no-store" };
+        assert_eq!(answer.header("cache-control"), held);
         assert_eq!(answer.header("access-control-allow-origin"), "", "no CORS");
     }
 }
@@ -92,6 +94,7 @@ async fn long_answers_are_compressed_when_asked() {
 async fn what_a_client_holds_is_not_sent_again() {
     let service = Service::new();
     for path in [
+        "/",
         "/api/v1/machines/rig-1/health",
         "/api/v1/machines/rig-1/diagnosis",
         "/api/v1/machines/rig-1/channels/right_x/spectrum",

@@ -275,6 +275,8 @@ impl Room {
 }
 
 #[cfg(test)]
+mod played;
+#[cfg(test)]
 mod tests;
 
 #[cfg(test)]

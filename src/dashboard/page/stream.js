@@ -61,13 +61,14 @@ export function follow(onEvent, onState) {
 
   async function run() {
     while (!isEnded) {
+      let reason;
       try {
         await once();
       } catch (error) {
-        if (!isEnded) onState("lost", error);
+        reason = error;
       }
       if (isEnded) return;
-      onState("lost");
+      onState("lost", reason);
       await new Promise((resolve) => setTimeout(resolve, pauseMs));
       pauseMs = Math.min(2 * pauseMs, LONGEST_PAUSE_MS);
     }
