@@ -11,6 +11,7 @@ use crate::features::WindowFeatures;
 use crate::features::run_up;
 use crate::features::run_up::Fit;
 use crate::features::run_up::IMPLAUSIBLE;
+use crate::features::run_up::Known;
 use crate::features::run_up::Part;
 use crate::features::run_up::ShaftLaw;
 use crate::features::shaft;
@@ -90,6 +91,20 @@ pub(super) fn top(
         .iter()
         .map(|law| Hz(law.law.speeds_hz.1))
         .max_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+/// What is said of a run whose vectors have no phase; empty of one that a mark gives.
+pub(super) fn by_what(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> &'static str {
+    let is_by_lengths = |law: &&ShaftLaw| law.law.known == Known::Lengths;
+    if laws(shaft, features, context).iter().any(is_by_lengths) {
+        " (by amplitudes alone: no mark on the shaft)"
+    } else {
+        ""
+    }
 }
 
 /// What the probes of a shaft say of its 1× at a speed (J6): their common word, both parts if they contradict each other. A bow only

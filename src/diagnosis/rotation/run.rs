@@ -27,7 +27,7 @@ pub(super) fn judge_run(
     }
     if let Some(top) = cause::top(shaft, features, context) {
         verdict.evidence = cause::evidence(shaft, top, features, context);
-        verdict.why.push_str(", and no baseline of a run with a mark on the shaft is there");
+        verdict.why.push_str(", and no baseline of a run is there");
     }
 }
 
@@ -57,8 +57,12 @@ fn judge_growth(
     let by = growth.larger();
     let text = format!(
         "at {:.1} Hz of the run the part of 1× that stays what it is at standstill is {:.1} times the baseline's whole, the part \
-         that grows with the square of the speed {:.1} times, in {}",
-        growth.top.0, growth.bow.least.ratio, growth.unbalance.least.ratio, by.evidence.channel
+         that grows with the square of the speed {:.1} times, in {}{}",
+        growth.top.0,
+        growth.bow.least.ratio,
+        growth.unbalance.least.ratio,
+        by.evidence.channel,
+        cause::by_what(shaft, features, context)
     );
     if by.is_up() {
         let told = cause::cause(shaft, growth.top, features, context);

@@ -11,6 +11,7 @@ use crate::diagnosis::baseline::Record;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::run_up;
+use crate::features::run_up::Known;
 use crate::features::run_up::ShaftLaw;
 use crate::features::run_up::VectorAt;
 use crate::features::speed::Speed;
@@ -27,6 +28,11 @@ const MAIN: ShaftIndex = ShaftIndex(1);
 
 /// What a probe of the main shaft sees from 5 to `top` Hz: bow b, eccentricity e, scatter of about 0.2 µm.
 fn run(b: Complex<f64>, e: Complex<f64>, top_hz: f64) -> ShaftLaw {
+    run_of(Known::Vectors, (b, e), top_hz)
+}
+
+/// The same, by vectors or by lengths alone.
+fn run_of(known: Known, (b, e): (Complex<f64>, Complex<f64>), top_hz: f64) -> ShaftLaw {
     let mut state = 12_345_u64;
     let mut scatter = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -42,7 +48,7 @@ fn run(b: Complex<f64>, e: Complex<f64>, top_hz: f64) -> ShaftLaw {
             VectorAt { speed_hz, vector, weight: 1.0 }
         })
         .collect();
-    let law = run_up::speed_law(&vectors, Some(CRITICAL_HZ)).unwrap();
+    let law = run_up::speed_law(&vectors, known, Some(CRITICAL_HZ)).unwrap();
     ShaftLaw { shaft: MAIN, channel: ChannelIndex(0), law }
 }
 
@@ -210,7 +216,7 @@ fn a_bow_wants_a_declared_critical_speed_for_above_it_an_unbalance_looks_alike()
                 VectorAt { speed_hz, vector, weight: 1.0 }
             })
             .collect();
-        ShaftLaw { law: run_up::speed_law(&vectors, None).unwrap(), ..law }
+        ShaftLaw { law: run_up::speed_law(&vectors, Known::Vectors, None).unwrap(), ..law }
     };
     let cause = |law: ShaftLaw| cause_in(&machine, MAIN, vec![undeclared(law)]);
     assert_eq!(cause(run(polar(60.0, 40.0), polar(5.0, 0.0), 50.0)), Cause::Open);
@@ -231,7 +237,7 @@ fn noise_and_a_law_of_another_kind_name_nothing() {
                 VectorAt { speed_hz, vector: vector(speed_hz, scatter()), weight: 1.0 }
             })
             .collect();
-        let law = run_up::speed_law(&vectors, Some(CRITICAL_HZ)).unwrap();
+        let law = run_up::speed_law(&vectors, Known::Vectors, Some(CRITICAL_HZ)).unwrap();
         let law = ShaftLaw { shaft: MAIN, channel: ChannelIndex(0), law };
         cause_in(&machine(false), MAIN, vec![law])
     };
@@ -240,4 +246,24 @@ fn noise_and_a_law_of_another_kind_name_nothing() {
     let resonant =
         |f: f64, noise: f64| Complex::new(1.0 - (f / 30.0).powi(2), 0.1).inv() * 20.0 + noise;
     assert_eq!(read(&resonant), Cause::Open);
+}
+
+#[test]
+fn a_run_without_a_mark_names_by_amplitudes_what_one_with_a_mark_names() {
+    let (small, large) = (polar(1.0, 40.0), polar(5.0, 250.0));
+    for top_hz in [35.0, 50.0, 80.0] {
+        let told = |b, e| judged(run_of(Known::Lengths, (b, e), top_hz), true, None);
+        let bow = told(polar(60.0, 40.0), large);
+        // To 0.68 of the critical speed, one a tenth off fits lengths nearly as well, with an unbalance beside the bow.
+        let named = (top_hz < 80.0).then_some(FaultMode::Bow);
+        assert_eq!((bow.state.is_accusation(), bow.fault), (true, named), "{top_hz}: {}", bow.why);
+        assert!(bow.why.contains("by amplitudes alone"), "{}", bow.why);
+        let unbalance = told(small, polar(150.0, 250.0));
+        assert_eq!(unbalance.fault, Some(FaultMode::Unbalance), "{top_hz}: {}", unbalance.why);
+        let healthy = told(small, large);
+        assert!(!healthy.state.is_accusation(), "{top_hz}: {}", healthy.why);
+        let r = top_hz / CRITICAL_HZ;
+        let both = told(polar(60.0, 40.0), polar(60.0 / (r * r), 130.0));
+        assert_eq!((both.state.is_accusation(), both.fault), (true, None), "{}", both.why);
+    }
 }

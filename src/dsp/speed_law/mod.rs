@@ -3,7 +3,10 @@
 //! A shaft that is bent by b, or whose surface runs out by b, shows b when it turns slowly; an unbalance of eccentricity
 //! e shows e·r²/(1 − r²), r the speed over the critical one. Resonance raises the bow with it: b/(1 − r²). From vectors at
 //! several speeds both parts follow by least squares, and each is tested by leaving it out. One vector at one speed cannot
-//! tell them. Must not know where the vectors come from, nor how large a part matters.
+//! tell them. Where no mark gives the vectors a phase, their lengths tell the same with one unknown more (`lengths`). Must not
+//! know where the vectors come from, nor how large a part matters.
+
+mod lengths;
 
 use rustfft::num_complex::Complex;
 
@@ -38,7 +41,17 @@ pub struct VectorAt {
     pub weight: f64,
 }
 
-/// A part of the vectors and its uncertainty.
+/// What is known of the vectors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Known {
+    /// Length and phase behind a mark on the shaft.
+    Vectors,
+    /// The length alone: the speed was measured without a mark.
+    Lengths,
+}
+
+/// A part of the vectors and its uncertainty. By lengths alone the bow's lag is stated as 0 and the unbalance's is that between the two,
+/// of which the sense is not known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     /// Its vector; of an unbalance that at [`REFERENCE_HZ`] without resonance.
@@ -95,7 +108,12 @@ pub struct SpeedLaw {
     pub n_vectors: usize,
     /// Lowest and highest speed of these, Hz.
     pub speeds_hz: (f64, f64),
+    /// What was known of them.
+    pub known: Known,
 }
+
+/// Fits both parts at one critical speed; gives the weighted sum of squares left, too.
+type FitAt = fn(&[VectorAt], f64) -> Option<(f64, Fit)>;
 
 /// How bow and unbalance show at a speed, each 1 at its reference without resonance.
 fn shapes(speed_hz: f64, critical_hz: f64) -> (f64, f64) {
@@ -103,13 +121,13 @@ fn shapes(speed_hz: f64, critical_hz: f64) -> (f64, f64) {
     (raised, raised * (speed_hz / REFERENCE_HZ).powi(2))
 }
 
-/// Reads the parts of bow and unbalance from vectors at several speeds, in any order (D78).
+/// Reads the parts of bow and unbalance from vectors at several speeds, in any order: by themselves (D78) or by their lengths (D79).
 ///
 /// `critical_hz`: declared critical speed, taken as true to 10 %; without one every critical speed above 1.4 times the
 /// highest speed is tried. `None` below six vectors, where the highest speed is not 1.5 times the lowest, or where the
 /// vectors are all zero.
 #[must_use]
-pub fn speed_law(vectors: &[VectorAt], critical_hz: Option<f64>) -> Option<SpeedLaw> {
+pub fn speed_law(vectors: &[VectorAt], known: Known, critical_hz: Option<f64>) -> Option<SpeedLaw> {
     let highest = critical_hz.map_or(f64::INFINITY, |critical| HIGHEST_RATIO * critical);
     let is_used = |v: &&VectorAt| v.speed_hz > 0.0 && v.speed_hz <= highest && v.weight > 0.0;
     let used: Vec<VectorAt> = vectors.iter().filter(is_used).copied().collect();
@@ -119,13 +137,17 @@ pub fn speed_law(vectors: &[VectorAt], critical_hz: Option<f64>) -> Option<Speed
     if used.len() < FEWEST || high < FEWEST_TIMES * low {
         return None;
     }
+    let (fit, exponent): (FitAt, f64) = match known {
+        Known::Vectors => (fit, exponent(used.len())),
+        Known::Lengths => (lengths::fit, lengths::exponent(used.len())),
+    };
     let mut fits: Vec<(f64, Fit)> =
         candidates(high, critical_hz).filter_map(|critical| fit(&used, critical)).collect();
     fits.sort_by(|a, b| a.0.total_cmp(&b.0));
     let least = fits.first()?.0;
-    fits.retain(|(rest, _)| chance(least, *rest, used.len()) > IMPLAUSIBLE);
+    fits.retain(|(rest, _)| chance(least, *rest, exponent) > IMPLAUSIBLE);
     let fits: Vec<Fit> = fits.into_iter().map(|(_, fit)| fit).collect();
-    Some(SpeedLaw { fits, n_vectors: used.len(), speeds_hz: (low, high) })
+    Some(SpeedLaw { fits, n_vectors: used.len(), speeds_hz: (low, high), known })
 }
 
 /// The critical speeds to be tried.
@@ -137,9 +159,14 @@ fn candidates(high_hz: f64, declared_hz: Option<f64>) -> impl Iterator<Item = f6
 }
 
 /// Probability that two more real unknowns take the sum of squares from `without` to `with` by chance: the F test of
-/// 2 and 2n − 4 degrees, whose tail is a power (D78).
-fn chance(with: f64, without: f64, n: usize) -> f64 {
-    if without > 0.0 { (with / without).min(1.0).powf(n as f64 - 2.0) } else { 1.0 }
+/// 2 and twice `exponent` degrees, whose tail is a power (D78).
+fn chance(with: f64, without: f64, exponent: f64) -> f64 {
+    if without > 0.0 { (with / without).min(1.0).powf(exponent) } else { 1.0 }
+}
+
+/// Half the degrees of freedom that four real unknowns leave of n vectors.
+fn exponent(n: usize) -> f64 {
+    n as f64 - 2.0
 }
 
 /// Least squares of both parts at one critical speed, with the weighted sum of squares they leave.
@@ -171,12 +198,12 @@ fn fit(vectors: &[VectorAt], critical_hz: f64) -> Option<(f64, Fit)> {
     let bow = (b * uu - u * bu) / determinant;
     let unbalance = (u * bb - b * bu) / determinant;
     let left = rest(bow, unbalance);
-    let n = vectors.len();
-    let variance = left / (2.0 * n as f64 - 4.0);
+    let exponent = exponent(vectors.len());
+    let variance = left / (2.0 * exponent);
     let part = |vector, of_other: f64, without: f64| Part {
         vector,
         sigma: (variance * of_other / determinant).sqrt(),
-        chance: chance(left, without, n),
+        chance: chance(left, without, exponent),
     };
     let fit = Fit {
         critical_hz,

@@ -1,6 +1,7 @@
 //! The vector of 1× at every speed that a run passes: what bow and unbalance are told apart by.
 //!
-//! A window is cut into pieces of a few revolutions; each gives the vector of 1× behind the tacho's mark at its own speed.
+//! A window is cut into pieces of a few revolutions; each gives the vector of 1× behind the tacho's mark at its own speed, or its
+//! length where the speed is measured without a mark (teeth of a wheel, a speed channel, another shaft's tacho).
 //! Pieces of the windows of one run are kept, few of each speed, so that at its working speed a machine still knows how it
 //! ran up. From them the parts of bow and unbalance follow (D78). Must not know which part is too large.
 
@@ -16,6 +17,7 @@ use crate::dsp::real::floor_index;
 use crate::dsp::speed_law;
 pub use crate::dsp::speed_law::Fit;
 pub use crate::dsp::speed_law::IMPLAUSIBLE;
+pub use crate::dsp::speed_law::Known;
 pub use crate::dsp::speed_law::Part;
 pub use crate::dsp::speed_law::SpeedLaw;
 pub use crate::dsp::speed_law::VectorAt;
@@ -102,8 +104,10 @@ pub struct Piece {
     pub channel: ChannelIndex,
     /// Begin and end, s of stream time.
     pub time_s: (f64, f64),
-    /// The vector.
+    /// The vector; its length along the real axis where that is all that is known.
     pub at: VectorAt,
+    /// What is known of it.
+    pub known: Known,
 }
 
 /// The parts of bow and unbalance in what a probe saw of a run.
@@ -117,7 +121,18 @@ pub struct ShaftLaw {
     pub law: SpeedLaw,
 }
 
-/// Reads the pieces of a probe's window (F18); none of other sensors, nor without a mark on the first shaft.
+/// How the first shaft turned in a window, from which time on, and what of a vector that tells.
+fn turned(speed: &Speed) -> Option<(PhaseTrack, f64, Known)> {
+    match (&speed.phase, &speed.turning) {
+        (Some(phase), _) if phase.is_marked => {
+            Some((smooth(&phase.track)?, phase.start_s, Known::Vectors))
+        }
+        (_, Some(turning)) => Some((turning.track.clone(), turning.start_s, Known::Lengths)),
+        (_, None) => None,
+    }
+}
+
+/// Reads the pieces of a probe's window (F18); none of other sensors, nor where nothing measured how the first shaft turned.
 pub(super) fn pieces(
     machine: &Machine,
     trace: &Trace<'_>,
@@ -126,9 +141,10 @@ pub(super) fn pieces(
 ) -> Vec<Piece> {
     let sensor = &machine.sensors[trace.sensor];
     let is_probe = sensor.kind == SensorKind::Proximitor && unit == Unit::Micrometre;
-    let marked = speed.phase.as_ref().filter(|phase| phase.is_marked && is_probe);
-    let Some(track) = marked.and_then(|phase| smooth(&phase.track)) else { return Vec::new() };
-    let start_s = marked.map_or(0.0, |phase| trace.start_s() - phase.start_s);
+    let Some((track, track_s, known)) = turned(speed).filter(|_| is_probe) else {
+        return Vec::new();
+    };
+    let start_s = trace.start_s() - track_s;
     let samples = trace.all.samples;
     let duration_s = samples.len() as f64 / rate.0;
     let Some((from, to)) = track.covered_revolutions(start_s, start_s + duration_s) else {
@@ -154,13 +170,13 @@ pub(super) fn pieces(
         let ends = (track.speed_at(a + half)?, track.speed_at(b - half)?);
         let mean_hz = revolutions / (b - a);
         let square = mean_hz * mean_hz + HANN_VARIANCE * (ends.1 - ends.0).powi(2);
-        let at = VectorAt {
-            speed_hz: square.sqrt(),
-            vector: Complex::new(cos, sin),
-            weight: inside.len() as f64,
+        let vector = Complex::new(cos, sin);
+        let vector = match known {
+            Known::Vectors => vector,
+            Known::Lengths => Complex::new(vector.norm(), 0.0),
         };
-        let since = trace.start_s() - start_s;
-        Some(Piece { channel: trace.channel, time_s: (since + a, since + b), at })
+        let at = VectorAt { speed_hz: square.sqrt(), vector, weight: inside.len() as f64 };
+        Some(Piece { channel: trace.channel, time_s: (track_s + a, track_s + b), at, known })
     };
     (0..n).filter_map(piece).collect()
 }
@@ -197,6 +213,7 @@ impl RunUp {
                 let VectorAt { speed_hz, vector, weight } = piece.at;
                 let (from_s, to_s) = piece.time_s;
                 tape.write(&[from_s, to_s, speed_hz, vector.re, vector.im, weight]);
+                tape.write_count(usize::from(piece.known == Known::Lengths));
             }
         }
         tape.write_count(self.reached_s.len());
@@ -213,7 +230,8 @@ impl RunUp {
             let channel = ChannelIndex(tape.count()?);
             let [from_s, to_s, speed_hz, re, im, weight] = tape.array()?;
             let at = VectorAt { speed_hz, vector: Complex::new(re, im), weight };
-            Some(Piece { channel, time_s: (from_s, to_s), at })
+            let known = if tape.count()? == 0 { Known::Vectors } else { Known::Lengths };
+            Some(Piece { channel, time_s: (from_s, to_s), at, known })
         };
         let (pieces, first) = (tape.list(read)?, tape.list(read)?);
         let reached_s = tape.list(|tape| Some((ChannelIndex(tape.count()?), tape.number()?)))?;
@@ -246,6 +264,7 @@ impl RunUp {
                 continue;
             };
             let of_channel = self.pieces.iter().filter(|p| p.channel == *channel);
+            let known = common(of_channel.clone());
             let vectors: Vec<VectorAt> = of_channel.map(|p| p.at).collect();
             // What a probe without a place sees is the first shaft's.
             let described = machine.shaft(shaft);
@@ -253,7 +272,7 @@ impl RunUp {
                 continue;
             }
             let critical = described.first_critical.map(|hz| hz.0);
-            if let Some(law) = speed_law(&vectors, critical) {
+            if let Some(law) = speed_law(&vectors, known, critical) {
                 values.values.extend(for_baseline(&law, &described.id));
                 features.laws.push(ShaftLaw { shaft, channel: *channel, law });
             }
@@ -294,8 +313,17 @@ impl RunUp {
     fn has_changed(&self, first: &Piece, now: &Piece) -> bool {
         let of_channel = self.pieces.iter().filter(|p| p.channel == now.channel);
         let largest = of_channel.map(|p| p.at.vector.norm()).fold(now.at.vector.norm(), f64::max);
-        (now.at.vector - first.at.vector).norm() > CHANGED * largest
+        let change = match common([first, now].into_iter()) {
+            Known::Vectors => (now.at.vector - first.at.vector).norm(),
+            Known::Lengths => (now.at.vector.norm() - first.at.vector.norm()).abs(),
+        };
+        change > CHANGED * largest
     }
+}
+
+/// What is known of all of them.
+fn common<'p>(mut pieces: impl Iterator<Item = &'p Piece>) -> Known {
+    if pieces.any(|p| p.known == Known::Lengths) { Known::Lengths } else { Known::Vectors }
 }
 
 /// Whether two pieces are of one channel and one speed.
