@@ -13,13 +13,16 @@ use crate::units::Hz;
 /// A band counts as showing a line at this probability.
 const BAND_PROBABILITY: f64 = 1e-4;
 
-/// Power ratio of lines from which one bearing drowns another (10 dB).
+/// Power ratio from which one bearing drowns another, and a modulated tone what is heard beside it (10 dB).
 const OVERHEARD_POWER: f64 = 10.0;
 
 /// Power of a line above the lowest band, over that in it, below which it is a smooth motion's (−10 dB). The force of
 /// impacts is white; a motion without jumps in speed falls by 12 dB an octave, 19 dB from the middle of the
 /// lowest quarter to that of the next: the limit lies halfway.
 const SMOOTH_POWER: f64 = 0.1;
+
+/// Bands whose widths differ by less than this factor are of one kind.
+const ALIKE: f64 = 1.2;
 
 /// Ways to be proven, each of which may err.
 const N_WAYS: f64 = 2.0;
@@ -63,6 +66,10 @@ struct LinePower {
     above: Option<f64>,
     /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
     is_hidden_above: bool,
+    /// Of the narrowest bands that show the line: in the strongest that a tone leads, and in the strongest of the others that nothing
+    /// else explains; 0 if none does.
+    of_tone: f64,
+    of_blows: f64,
 }
 
 impl LinePower {
@@ -70,9 +77,17 @@ impl LinePower {
     fn of(
         readings: &[BandReading],
         own: impl Fn(&BandReading) -> bool,
-        shows: impl Fn(&BandReading) -> bool,
+        stands: impl Fn(&BandReading) -> bool,
     ) -> Self {
         let raw = || readings.iter().filter(|r| !r.band.whitened);
+        let shows = |r: &BandReading| own(r) && stands(r);
+        let width = |r: &BandReading| r.band.high.0 - r.band.low.0;
+        let narrowest = raw().map(width).fold(f64::INFINITY, f64::min);
+        let is_narrow = |r: &&BandReading| width(r) < ALIKE * narrowest;
+        let strongest = |found: &dyn Fn(&BandReading) -> bool| {
+            let of_band = raw().filter(is_narrow).filter(|r| found(r));
+            of_band.map(|r| r.total_depth() * r.mean_square).fold(0.0, f64::max)
+        };
         let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
         let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
         let power = |r: &BandReading| r.total_depth() * r.mean_square;
@@ -85,6 +100,8 @@ impl LinePower {
             above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
             // A tone that is modulated is no blow that hides others.
             is_hidden_above: !raw().filter(is_above).any(|r| own(r) || r.carrier.is_some()),
+            of_tone: strongest(&|r| r.carrier.is_some() && stands(r)),
+            of_blows: strongest(&|r| r.carrier.is_none() && shows(r)),
         }
     }
 }
@@ -100,6 +117,14 @@ pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
 /// The same where a band above could have shown it in one channel at least: nothing hides it there.
 pub(super) fn is_seen_to_be_smooth(line: &[Candidate<'_>]) -> bool {
     is_smooth(line) && line.iter().any(|c| !c.power.is_hidden_above)
+}
+
+/// Whether at this rate a tone is modulated with ten times the power of all else that is heard at it, in the channels that listen for it
+/// (C34): elements that pass carry the tone's force, damaged or not.
+pub(super) fn is_of_tone(line: &[Candidate<'_>]) -> bool {
+    let most = |of: fn(&LinePower) -> f64| line.iter().map(|c| of(&c.power)).fold(0.0, f64::max);
+    let (tone, blows) = (most(|power| power.of_tone), most(|power| power.of_blows));
+    tone > 0.0 && tone >= OVERHEARD_POWER * blows
 }
 
 impl<'a> Candidate<'a> {
@@ -156,7 +181,8 @@ impl<'a> Candidate<'a> {
             .iter()
             .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
             .collect();
-        let shows = |r: &BandReading| own(r) && confidence::band_probability(r) <= BAND_PROBABILITY;
+        let stands = |r: &BandReading| confidence::band_probability(r) <= BAND_PROBABILITY;
+        let shows = |r: &BandReading| own(r) && stands(r);
         let mut showing: Vec<&BandReading> = readings.iter().filter(|r| shows(r)).collect();
         showing.sort_by(|a, b| b.total_depth().total_cmp(&a.total_depth()));
         let quarter = readings.len().div_ceil(4).max(1);
@@ -164,7 +190,7 @@ impl<'a> Candidate<'a> {
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
-            power: LinePower::of(&readings, own, shows),
+            power: LinePower::of(&readings, own, stands),
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),

@@ -46,6 +46,8 @@ pub(super) enum Doubt {
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
     Smooth,
+    /// A tone is modulated at its rate with ten times its power, as passing elements do.
+    OfTone,
     /// The healthy machine's absolute vibration shows it as strongly.
     NotGrown,
     /// The noise beside it leaves less depth than accuses.
@@ -77,6 +79,7 @@ pub(super) fn sort<'c>(candidates: &'c [Candidate<'c>], seen: &Seen<'c>) -> Sort
                     sorted.doubts.push((Doubt::Overheard, candidate));
                 }
                 _ if is_smooth(candidate, seen) => sorted.doubts.push((Doubt::Smooth, candidate)),
+                _ if is_of_tone(candidate, seen) => sorted.doubts.push((Doubt::OfTone, candidate)),
                 _ if has_not_grown(candidate, seen) => {
                     sorted.doubts.push((Doubt::NotGrown, candidate));
                 }
@@ -98,7 +101,12 @@ pub(super) fn why_open(
     seen: &Seen<'_>,
 ) -> Option<String> {
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
-        Doubt::Bare | Doubt::Carried | Doubt::Overheard | Doubt::Smooth | Doubt::NotGrown => true,
+        Doubt::Bare
+        | Doubt::Carried
+        | Doubt::Overheard
+        | Doubt::Smooth
+        | Doubt::OfTone
+        | Doubt::NotGrown => true,
         Doubt::NearLimit => !has_not_grown(line, seen),
     });
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
@@ -106,6 +114,7 @@ pub(super) fn why_open(
         Doubt::Carried => carried(line, seen.context),
         Doubt::Overheard => overheard(line, seen.context),
         Doubt::Smooth => smooth(line, seen.context),
+        Doubt::OfTone => of_tone(line, seen.context),
         Doubt::NotGrown => not_grown(line, seen.context),
         Doubt::NearLimit => too_near(line, seen.context),
     });
@@ -178,7 +187,18 @@ fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, seen.accepted, 1.0)))
 }
 
-/// The same if nothing hides what it may do above.
+/// Whether it is a line of the race at rest, which all elements pass, and less than the modulation of a tone at the same rate.
+fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let bearing = seen.context.machine.bearing(line.search.bearing);
+    let is_race = matches!(line.search.line, DefectLine::Bpfi | DefectLine::Bpfo);
+    is_race
+        && line.search.line != grown::of_turning_race(bearing)
+        && candidate::is_of_tone(&everywhere(line, seen, |s| {
+            Candidate::weigh(s, seen.accepted, 1.0)
+        }))
+}
+
+/// Whether it is smooth and nothing hides what it may do above.
 fn is_seen_to_be_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let weigh = |s| Candidate::weigh(s, seen.accepted, 1.0);
     candidate::is_seen_to_be_smooth(&everywhere(line, seen, weigh))
@@ -208,6 +228,15 @@ fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
         "{}; it lies in the lowest band alone, as the motion does that passing elements impose, impacts ring \
          above it: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a line beside a tone that is modulated at its rate does not accuse.
+fn of_tone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; a tone of the machine is modulated at this rate with ten times the power, as sound elements that pass under its force do: \
+         a baseline of the healthy machine would tell",
         sentence(line, context)
     )
 }

@@ -256,3 +256,23 @@ fn severity_goes_on_with_growth_where_the_depth_is_full() {
     let rising = [alone, grown(300.0), grown(600.0), grown(900.0)];
     assert!(rising.windows(2).all(|w| w[0] <= w[1]) && rising[1] < rising[3], "{rising:?}");
 }
+
+#[test]
+fn a_tone_modulated_ten_times_as_strongly_leaves_a_line_of_the_race_at_rest_open() {
+    // The highest of the four bands is led by a tone of this power.
+    let beside = |line: DefectLine, power: f64| {
+        let own = changed(search(0, line, 0.6), |reading| {
+            if reading.band.low.0 > 2.5e3 {
+                reading.carrier = Some(Hz(3360.0));
+                reading.mean_square = power;
+            }
+        });
+        judged(vec![own], Vec::new()).remove(0)
+    };
+    assert_eq!(beside(DefectLine::Bpfo, 9.0).fault, Some(FaultMode::OuterRace));
+    let open = beside(DefectLine::Bpfo, 11.0);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("a tone of the machine is modulated"), "{}", open.why);
+    // No sound element passes at the rate of the race that turns.
+    assert_eq!(beside(DefectLine::Bpfi, 11.0).fault, Some(FaultMode::InnerRace));
+}
