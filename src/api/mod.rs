@@ -28,6 +28,8 @@ mod orbit;
 mod alarms;
 mod acts;
 mod silences;
+mod maintenance;
+mod feedback;
 mod events;
 mod audit;
 mod service;
@@ -96,6 +98,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(machines::describe))
         .routes(routes!(machines::health))
         .routes(routes!(machines::diagnosis))
+        .routes(routes!(feedback::list, feedback::say))
         .routes(routes!(signals::channels))
         .routes(routes!(signals::waveform))
         .routes(routes!(trends::trend))
@@ -117,6 +120,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(acts::reset))
         .routes(routes!(silences::list, silences::announce))
         .routes(routes!(silences::revoke))
+        .routes(routes!(maintenance::show, maintenance::begin, maintenance::end))
         .routes(routes!(events::follow))
         .routes(routes!(audit::list))
         .routes(routes!(audit::configurations))

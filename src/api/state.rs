@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::view::{
-    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, IngestOpen, MachineHandle,
-    MachineView, ShardRequest, StoreHandle, TrendHandle,
+    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, FeedbackHandle, IngestOpen,
+    MachineHandle, MachineView, ShardRequest, StoreHandle, TrendHandle,
 };
 use crate::access::{Door, Token};
 use crate::signal::{ChannelInfo, Timestamp};
@@ -88,6 +88,8 @@ pub struct ApiState {
     pub(super) store: Option<StoreHandle>,
     /// Baselines; `None`: there is no store for them.
     pub(super) baselines: Option<BaselineHandle>,
+    /// What people found of verdicts; `None`: there is no store for it.
+    pub(super) feedback: Option<FeedbackHandle>,
     /// What is pushed; `None`: nothing is.
     pub(super) events: Option<EventsHandle>,
     /// One permit a stream of events.
@@ -139,6 +141,7 @@ impl ApiState {
             readiness,
             store: None,
             baselines: None,
+            feedback: None,
             events: None,
             trends: None,
             captures: None,
@@ -218,6 +221,12 @@ impl ApiState {
     #[must_use]
     pub fn with_baselines(self, baselines: BaselineHandle) -> Self {
         Self { baselines: Some(baselines), ..self }
+    }
+
+    /// Keeps what people found of verdicts.
+    #[must_use]
+    pub fn with_feedback(self, feedback: FeedbackHandle) -> Self {
+        Self { feedback: Some(feedback), ..self }
     }
 
     /// Pushes what happens.

@@ -30,6 +30,7 @@ use crate::store::BaselineStore;
 use crate::store::audit::AuditLog;
 use crate::store::captures::CaptureIndex;
 use crate::store::events::EventLog;
+use crate::store::feedback::FeedbackStore;
 use crate::store::trends::Holdings;
 use crate::store::trends::TrendArchive;
 use crate::store::writer::Status;
@@ -218,6 +219,21 @@ pub struct BaselineHandle {
     pub measure: MeasureRecording,
     /// UTC now.
     pub wall_clock: fn() -> Timestamp,
+}
+
+/// What people found of verdicts, as the API sees it.
+#[derive(Clone)]
+pub struct FeedbackHandle {
+    /// Where it is kept.
+    pub store: Arc<dyn FeedbackStore>,
+    /// UTC now.
+    pub wall_clock: fn() -> Timestamp,
+}
+
+impl std::fmt::Debug for FeedbackHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FeedbackHandle").finish_non_exhaustive()
+    }
 }
 
 /// Measures a recording of a machine by its name; or says why it cannot.

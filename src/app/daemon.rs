@@ -110,7 +110,7 @@ impl Daemon {
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         runtime.spawn(supervisor::feed(moves(&plan), server_stop.clone()));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
-        let (events, mut notifier) = (plan.events, plan.notify);
+        let (events, feedback, mut notifier) = (plan.events, plan.feedback, plan.notify);
         let links = plan.links;
         let (trending, trends) = (plan.trending, plan.trends);
         let limits = Arc::clone(&trending.limits);
@@ -170,6 +170,7 @@ impl Daemon {
             .with_door(door)
             .with_store(StoreHandle { archive: keeper.archive, status: keeper.status })
             .with_baselines(baselines)
+            .with_feedback(feedback)
             .with_events(events)
             .with_trends(trends)
             .with_captures(captures)

@@ -222,11 +222,12 @@ impl SqliteStore {
             n_new += write_events(&transaction, batch)?;
             let of = (batch.machine.as_str(), batch.stream.start, batch.now.utc);
             events::write_health(&transaction, of, &batch.health)?;
+            events::write_maintenance(&transaction, (of.0, of.2), &batch.maintenance)?;
             events::write_configuration(&transaction, batch.now.utc, &batch.configuration)?;
             if let Some(entry) = &batch.holds {
                 write_holds(&transaction, entry)?;
             }
-            n_new += (batch.health.len() + batch.configuration.len()) as u64;
+            n_new += (batch.len() - batch.events.len()) as u64;
             if batch.machine.is_empty() {
                 continue;
             }

@@ -84,6 +84,8 @@ pub struct AlarmLoadMetrics {
     pub chattering: Gauge,
     /// Alarms that are stale.
     pub stale: Gauge,
+    /// 1 while the machine is maintained.
+    pub in_maintenance: Gauge,
 }
 
 /// How the store of alarms is doing.

@@ -74,6 +74,7 @@ pub struct Metrics {
     simulation_given_up: Family<MachineLabels, Gauge<f64, AtomicU64>>,
     alarms: Family<AlarmLabels, Gauge>,
     alarm_load: Family<AlarmLabels, Gauge>,
+    in_maintenance: Family<MachineLabels, Gauge>,
     store: StoreMetrics,
     notifications: Family<NotificationLabels, Counter>,
     notifications_waiting: Family<ReceiverLabels, Gauge>,
@@ -130,6 +131,7 @@ impl Metrics {
             simulation_given_up: Family::default(),
             alarms: Family::default(),
             alarm_load: Family::default(),
+            in_maintenance: Family::default(),
             store: StoreMetrics::default(),
             notifications: Family::default(),
             notifications_waiting: Family::default(),
@@ -216,6 +218,8 @@ impl Metrics {
             "What the alarms ask of an operator, in counts",
             self.alarm_load.clone(),
         );
+        let text = "Whether the machine is maintained, its alarms out of service";
+        registry.register("machine_in_maintenance", text, self.in_maintenance.clone());
         registry.register("store_events", "Alarm events stored", store.stored.clone());
         registry.register(
             "store_events_lost",
@@ -421,6 +425,9 @@ impl Metrics {
             flood: load("flood"),
             chattering: load("chattering"),
             stale: load("stale"),
+            in_maintenance: self
+                .in_maintenance
+                .get_or_create_owned(&MachineLabels { machine: machine.to_owned() }),
         }
     }
 

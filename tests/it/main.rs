@@ -23,6 +23,7 @@ mod notify;
 mod event_stream;
 mod reload;
 mod silences;
+mod maintenance;
 mod foreign;
 mod rubbish;
 mod recordings;

@@ -102,7 +102,9 @@ impl Follower {
             for entry in &entries {
                 let is_wanted = match &entry.what {
                     Happened::Alarm(event) => self.filter.takes(&entry.machine, event),
-                    Happened::Health(_) | Happened::Configuration(_) => false,
+                    Happened::Health(_) | Happened::Configuration(_) | Happened::Maintenance(_) => {
+                        false
+                    }
                 };
                 self.courier.see(entry.place, is_wanted);
             }
@@ -275,7 +277,9 @@ impl Follower {
             }
             let is_wanted = match &entry.what {
                 Happened::Alarm(event) => self.filter.takes(&entry.machine, event),
-                Happened::Health(_) | Happened::Configuration(_) => false,
+                Happened::Health(_) | Happened::Configuration(_) | Happened::Maintenance(_) => {
+                    false
+                }
             };
             if is_wanted {
                 let answer = send(&entry);

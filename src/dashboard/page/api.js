@@ -105,6 +105,11 @@ export async function post(path, body) {
   return (await send(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
 }
 
+/** Takes something away; what is said of it goes into the address. */
+export async function remove(path, parameters) {
+  await send(`${path}?${new URLSearchParams(parameters)}`, { method: "DELETE" });
+}
+
 /** Fetches a file and hands it to the browser. A link could not carry the token. */
 export async function download(path, name) {
   const response = await send(path, { headers: { accept: "*/*" } });
