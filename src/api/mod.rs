@@ -93,6 +93,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(service::readyz))
         .routes(routes!(service::metrics))
         .routes(routes!(service::system))
+        .routes(routes!(service::log))
         .routes(routes!(service::openapi_json))
         .routes(routes!(machines::list))
         .routes(routes!(machines::describe))

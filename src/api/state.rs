@@ -101,6 +101,8 @@ pub struct ApiState {
     pub(super) recordings: Option<PathBuf>,
     /// The configuration that holds; `None`: it is unknown.
     pub(super) configuration: Option<watch::Receiver<ConfigurationView>>,
+    /// The newest lines of the log, at most so many.
+    pub(super) log: fn(usize) -> Vec<String>,
     /// Lets senders of samples in; `None`: no source has any.
     pub(super) ingest: Option<IngestOpen>,
     /// One permit a computation.
@@ -147,6 +149,7 @@ impl ApiState {
             captures: None,
             recordings: None,
             configuration: None,
+            log: |_| Vec::new(),
             ingest: None,
         }
     }
@@ -233,6 +236,12 @@ impl ApiState {
     #[must_use]
     pub fn with_events(self, events: EventsHandle) -> Self {
         Self { events: Some(events), ..self }
+    }
+
+    /// Shows the newest lines of the log.
+    #[must_use]
+    pub fn with_log(self, log: fn(usize) -> Vec<String>) -> Self {
+        Self { log, ..self }
     }
 
     /// Reads older events from `store`.

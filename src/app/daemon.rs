@@ -28,6 +28,7 @@ use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
 use crate::api::view::StoreHandle;
 use crate::config::Config;
+use crate::telemetry;
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
@@ -171,6 +172,7 @@ impl Daemon {
             .with_store(StoreHandle { archive: keeper.archive, status: keeper.status })
             .with_baselines(baselines)
             .with_feedback(feedback)
+            .with_log(telemetry::newest_log_lines)
             .with_events(events)
             .with_trends(trends)
             .with_captures(captures)

@@ -57,6 +57,9 @@ use std::path::Path;
 use std::time::Instant;
 use std::time::SystemTime;
 
+/// Folder of captures in a store.
+pub(crate) const CAPTURES: &str = captures::FOLDER;
+
 /// Runs the daemon until SIGTERM or SIGINT, and follows its configuration `file`.
 ///
 /// The first line on `stdout`, once the port is bound, is `listening on http://ADDRESS`; the second, if a source

@@ -6,6 +6,7 @@
 
 pub mod keys;
 mod log;
+mod redact;
 pub mod change;
 mod scan;
 mod raw;
@@ -25,6 +26,7 @@ pub use ingest::Ingest;
 pub use live::Live;
 pub use live::Subscription;
 pub use log::LogLevel;
+pub use redact::redacted;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;

@@ -11,6 +11,7 @@ mod decisions;
 mod happened;
 pub mod events;
 pub mod captures;
+pub mod backup;
 pub mod feedback;
 mod keep;
 mod names;
@@ -317,6 +318,16 @@ pub enum StoreError {
     InUse {
         /// The lock.
         file: PathBuf,
+    },
+    /// Part of it may be missing.
+    #[error(
+        "a restore into {} was cut off: restore it again with --force; what was there before is in a folder \
+         before-restore-… in it",
+        directory.display()
+    )]
+    Unfinished {
+        /// The folder.
+        directory: PathBuf,
     },
     /// A daemon of another version has it.
     #[error(

@@ -14,6 +14,7 @@ pub use configuration::ConfigurationMetrics;
 pub use log::LOG_VARIABLE;
 pub use log::LogError;
 pub use log::LogFormat;
+pub use log::newest_log_lines;
 pub use log::set_log_level;
 pub use log::start_log;
 pub use meters::AlarmLoadMetrics;

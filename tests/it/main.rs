@@ -5,6 +5,7 @@
 
 mod support;
 mod access;
+mod secrets;
 mod tools;
 mod scene;
 mod impulses;

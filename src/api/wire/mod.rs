@@ -16,6 +16,7 @@ pub mod orbit;
 pub mod alarms;
 pub mod audit;
 pub mod events;
+pub mod backup;
 pub mod captures;
 pub mod feedback;
 pub mod baselines;
