@@ -96,7 +96,12 @@ pub(super) async fn enter(
     mut request: Request,
     next: Next,
 ) -> Response {
-    let token = match state.door.admit(secret(request.headers()), peer(&request)) {
+    let peer = peer(&request);
+    let admitted = state.door.admit(secret(request.headers()), peer).and_then(|token| {
+        state.door.pace(token.as_deref(), peer)?;
+        Ok(token)
+    });
+    let token = match admitted {
         Ok(None) => return next.run(request).await,
         Ok(Some(token)) => token,
         Err(denied) => return ApiError::from(denied).into_response(),

@@ -161,10 +161,21 @@ impl Daemon {
             hosts: config.access.hosts.clone(),
             cors_origins: config.access.cors_origins.clone(),
             is_encrypted: tls.is_some(),
+            max_streams: config.access.limits.max_event_streams,
             warnings,
             ..state::Settings::new(address)
         };
-        let listener = http::Patient::new(listener, events.stalled.clone())
+        let max_connections = config.access.limits.max_connections;
+        super::descriptors::provide(max_connections);
+        for (what, most) in [
+            ("http_connections", max_connections),
+            ("event_streams", config.access.limits.max_event_streams),
+            ("ingest_connections", config.ingest.max_connections),
+            ("queue_bytes", queues.iter().map(|queue| queue.max_bytes()).max().unwrap_or(0)),
+        ] {
+            metrics.state_capacity(what, most);
+        }
+        let listener = http::Patient::new(listener, events.stalled.clone(), max_connections)
             .with_tls(tls.as_ref())
             .counting_refused(metrics.access().connections_refused);
         let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness)
@@ -179,7 +190,7 @@ impl Daemon {
             .with_recordings(super::recording::root(config))
             .with_configuration(configuration)
             .with_ingest(open.map(live::pipe::handle));
-        let router = http::router(state);
+        let router = http::measured(http::router(state), metrics.http());
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {

@@ -120,7 +120,9 @@ impl KeeperPlan {
         let (mut n_stored, mut n_lost) = (0, 0);
         loop {
             let mut is_over = false;
-            let refused = match jobs.recv_timeout(RETRY) {
+            let received = jobs.recv_timeout(RETRY);
+            let begun = super::now();
+            let refused = match received {
                 Ok(first) => {
                     let more = jobs.try_iter().take(GROUP - 1);
                     writer.take(std::iter::once(first).chain(more).collect())
@@ -131,6 +133,10 @@ impl KeeperPlan {
                     writer.flush()
                 }
             };
+            if status.n_stored() != n_stored {
+                let took = super::now().saturating_duration_since(begun);
+                metrics.commit_s.observe(took.as_secs_f64());
+            }
             metrics.stored.inc_by(status.n_stored() - n_stored);
             // What is refused is told too.
             if status.n_stored() != n_stored || refused.is_err() {

@@ -38,6 +38,7 @@ pub mod notify;
 pub mod tls;
 mod access;
 mod connection;
+mod descriptors;
 mod supervisor;
 pub mod http;
 pub mod start_error;

@@ -20,6 +20,7 @@ mod live;
 pub use access::Access;
 pub use access::Exposure;
 pub use access::Identity;
+pub use access::Limits;
 pub use access::Tls;
 pub use access::TokenList;
 pub use ingest::Ingest;

@@ -8,6 +8,7 @@ mod configuration;
 mod labels;
 mod log;
 mod meters;
+mod stages;
 
 pub use access::AccessMetrics;
 pub use configuration::ConfigurationMetrics;
@@ -29,6 +30,9 @@ pub use meters::SimulationMetrics;
 pub use meters::StoreMetrics;
 pub use meters::StreamMetrics;
 pub use meters::TrendMetrics;
+pub use stages::ComponentMetrics;
+pub use stages::HttpMetrics;
+pub use stages::ShardMetrics;
 
 use labels::AlarmLabels;
 use labels::ChannelLabels;
@@ -44,6 +48,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
+use stages::StageMetrics;
 use std::fmt;
 use std::sync::atomic::AtomicU64;
 
@@ -89,6 +94,7 @@ pub struct Metrics {
     clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
     configuration: ConfigurationMetrics,
     access: AccessMetrics,
+    stages: StageMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -146,6 +152,7 @@ impl Metrics {
             clock_drift: Family::default(),
             configuration: ConfigurationMetrics::default(),
             access: AccessMetrics::default(),
+            stages: StageMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -233,6 +240,7 @@ impl Metrics {
             store.waiting.clone(),
         );
         registry.register("store_failing", "Whether the store refuses", store.failing.clone());
+        self.stages.register(registry);
         self.register_trends(registry);
     }
 
@@ -376,6 +384,7 @@ impl Metrics {
             given_up: became("given_up"),
             waiting: self.notifications_waiting.get_or_create_owned(&labels),
             failing: self.receiver_failing.get_or_create_owned(&labels),
+            after_s: self.notified_after_s(&labels),
         }
     }
 
@@ -435,7 +444,7 @@ impl Metrics {
     /// How the store of alarms is doing.
     #[must_use]
     pub fn store(&self) -> StoreMetrics {
-        self.store.clone()
+        StoreMetrics { commit_s: self.commit_s(), ..self.store.clone() }
     }
 
     /// How the store of trends is doing.
@@ -466,12 +475,6 @@ impl Metrics {
             alarm_transitions: self.alarm_transitions.get_or_create_owned(&labels),
             verdict_latency_s: self.verdict_latency_s.get_or_create_owned(&labels),
         }
-    }
-
-    /// Bytes waiting for a shard.
-    #[must_use]
-    pub fn queue_bytes(&self, shard: u64) -> Gauge {
-        self.queue_bytes.get_or_create_owned(&ShardLabels { shard })
     }
 
     /// Writes all metrics as OpenMetrics 1.0 text.

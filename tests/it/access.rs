@@ -385,3 +385,22 @@ fn a_capture_is_streamed_encrypted_by_who_may() {
         assert!(!ended.stderr.contains(secret.trim()), "{}", ended.stderr);
     }
 }
+
+#[test]
+fn a_token_that_asks_too_often_is_told_when_to_come_again_and_counted() {
+    let dir = folder("token_file = \"tokens.toml\"\nmax_requests_per_s = 1", "");
+    let secret = create(dir.path(), &["--role", "viewer", "--label", "wall"]);
+    let other = create(dir.path(), &["--role", "viewer", "--label", "desk"]);
+    let daemon = Daemon::start_in(dir);
+    let client = Client::new(&daemon, Some(&secret), None);
+    let told = (0..20).map(|_| client.get("/api/v1/machines")).find(|(status, _)| *status == 429);
+    let (_, problem) = told.unwrap();
+    assert_eq!(problem["type"], "urn:rotorwatch:problem:too-many-requests");
+    assert!(problem["detail"].as_str().unwrap().contains("server.max_requests_per_s"), "{problem}");
+    let other = Client::new(&daemon, Some(&other), None);
+    assert!(other.metric("rotorwatch_access_denied_total{reason=\"too_fast\"}") >= 1);
+    assert_eq!(other.metric("rotorwatch_capacity{what=\"event_streams\"}"), 256);
+    let answers =
+        "rotorwatch_http_answers_total{method=\"GET\",route=\"/api/v1/machines\",status=\"429\"}";
+    assert!(other.metric(answers) >= 1);
+}

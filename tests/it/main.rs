@@ -47,3 +47,4 @@ mod demo;
 mod simulated;
 mod combinations;
 mod bench;
+mod load;
