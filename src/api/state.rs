@@ -1,6 +1,7 @@
 //! What the handlers share.
 
 use super::error::ApiError;
+use super::recent::Recent;
 use super::view::{
     BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, FeedbackHandle, IngestOpen,
     MachineHandle, MachineView, ShardRequest, StoreHandle, TrendHandle,
@@ -109,6 +110,10 @@ pub struct ApiState {
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
     pub(super) requests: Arc<Semaphore>,
+    /// Spectra that were just computed.
+    pub(super) recent: Recent,
+    /// One permit for a capture that is judged again.
+    pub(super) rejudging: Arc<Semaphore>,
 }
 
 impl std::fmt::Debug for ApiState {
@@ -136,6 +141,8 @@ impl ApiState {
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
             streams: Arc::new(Semaphore::new(settings.max_streams)),
+            rejudging: Arc::new(Semaphore::new(1)),
+            recent: Recent::default(),
             door: Arc::new(Door::open()),
             caller: None,
             settings: Arc::new(settings),
