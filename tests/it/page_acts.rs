@@ -1,6 +1,5 @@
-//! What operators do on the page beside alarms: tokens, maintenance, feedback, captures; and fleets of hundreds.
+//! What operators do on the page beside alarms: maintenance, feedback, captures; and fleets of hundreds.
 
-use crate::access;
 use crate::browser::Browser;
 use crate::browser::ENTER;
 use crate::browser::Size;
@@ -13,37 +12,6 @@ use serde_json::json;
 
 /// Machines of a large fleet.
 const N_MACHINES: usize = 500;
-
-#[test]
-#[ignore = "needs chromium and chromium-driver: apt install them, or set CHROMIUM and CHROMEDRIVER"]
-fn a_token_is_asked_for_until_it_is_right_and_kept_for_the_tab() {
-    let test = "a_token_is_asked_for_until_it_is_right_and_kept_for_the_tab";
-    let Some(mut browser) = Browser::open(test, Size::Desktop) else { return };
-    browser.tolerated = vec!["401 (Unauthorized)", "403 (Forbidden)"];
-    let dir = access::folder("token_file = \"tokens.toml\"", access::MACHINES);
-    let viewer = access::create(dir.path(), &["--role", "viewer", "--label", "wall"]);
-    let daemon = Daemon::start_in(dir);
-    browser.go(&format!("{}/", daemon.base_url));
-    browser.wait("document.activeElement?.name === 'token'");
-    let machines = "document.querySelectorAll('[data-machine]').length";
-    assert_eq!(browser.run(&format!("return {machines}")), 0, "nothing is shown before");
-    browser.keys(&format!("wrong{ENTER}"));
-    browser.wait("document.querySelector('#token-note')?.textContent.includes('refused')");
-    browser.wait("document.activeElement?.name === 'token' && document.activeElement.value === ''");
-    browser.keys(&format!("{viewer}{ENTER}"));
-    browser.wait(&format!("{machines} === 2"));
-    browser.reload();
-    browser.wait(&format!("{machines} === 2"));
-    assert_eq!(browser.run("return localStorage.length === 0 || !JSON.stringify(localStorage).includes('rotorwatch_')"), true);
-    // A role that does not suffice is told in the form, and nothing else happens.
-    browser.go(&format!("{}/#/machine/rig-1", daemon.base_url));
-    browser.wait("document.querySelector('[data-act=\"maintenance\"]') !== null");
-    browser.click("[data-act=\"maintenance\"]");
-    browser.wait("document.activeElement?.name === 'author'");
-    browser.keys(&format!("M. Ito{TAB}new belt{ENTER}"));
-    browser.wait("document.querySelector('dialog .said')?.textContent.includes('role operator')");
-    browser.no_errors();
-}
 
 #[test]
 #[ignore = "needs chromium and chromium-driver: apt install them, or set CHROMIUM and CHROMEDRIVER"]
