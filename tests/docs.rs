@@ -4,7 +4,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
 
+mod fences;
+
 use clap::Parser;
+use fences::fenced;
 use rotorwatch::cli::Cli;
 use rotorwatch::config;
 use rotorwatch::machine::file;
@@ -416,30 +419,6 @@ fn invariant_faults(architecture: &str, guards: &BTreeSet<String>) -> (usize, Ve
         faults.extend(unknown.map(|name| format!("no test or lint `{name}`: {title}")));
     }
     (items.len(), faults)
-}
-
-/// Fenced blocks of a language.
-fn fenced(text: &str, language: &str) -> Vec<String> {
-    let mut blocks = Vec::new();
-    let mut open: Option<(bool, String)> = None;
-    for line in text.lines() {
-        match (&mut open, line.strip_prefix("```")) {
-            (None, Some(found)) => open = Some((found == language, String::new())),
-            (Some((wanted, block)), Some(_)) => {
-                if *wanted {
-                    blocks.push(std::mem::take(block));
-                }
-                open = None;
-            }
-            (Some((_, block)), None) => {
-                block.push_str(line);
-                block.push('\n');
-            }
-            (None, None) => {}
-        }
-    }
-    assert!(open.is_none(), "a fence is not closed");
-    blocks
 }
 
 /// A line that calls the program, as its arguments; without a redirection.

@@ -1,6 +1,7 @@
 //! The door: says who comes in, and whether who is in may stay.
 
-use super::failures::Failures;
+use super::buckets::Buckets;
+use super::buckets::network;
 use super::list::Tokens;
 use super::token::Token;
 use crate::signal::Timestamp;
@@ -14,6 +15,15 @@ use std::sync::RwLock;
 
 /// Longest text that is looked at as a secret, bytes.
 const MAX_SECRET_BYTES: usize = 256;
+
+/// Failures that a peer may have at once, and how many it gets back a second.
+const FAILURES: (f64, f64) = (10.0, 0.2);
+
+/// Requests that somebody may make at once, in seconds of what may come on and on.
+const BURST_S: f64 = 4.0;
+
+/// Requests a second that somebody may make unless the configuration says otherwise: a page with eight live plots makes 20.
+pub const REQUESTS_A_SECOND: f64 = 500.0;
 
 /// UTC, and seconds of a clock that only goes forward.
 pub type Now = Arc<dyn Fn() -> (Timestamp, f64) + Send + Sync>;
@@ -30,6 +40,12 @@ pub enum Denied {
     /// It is over.
     #[error("the token has expired")]
     Expired,
+    /// Too many requests, though with a right token or from an address that needs none.
+    #[error("more requests than one may make; try again in {} s (server.max_requests_per_s)", after_s.ceil())]
+    TooFast {
+        /// When another is answered, s.
+        after_s: f64,
+    },
     /// Too many failures of this peer.
     #[error("too many requests of this address without a right token; try again in {} s", after_s.ceil())]
     TooMany {
@@ -51,12 +67,22 @@ pub struct Counters {
     pub role: Counter,
     /// Answered with "too many" instead.
     pub limited: Counter,
+    /// Answered with "too fast", though let in.
+    pub fast: Counter,
+}
+
+/// Whose requests are counted together.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Who {
+    Token(String),
+    Peer(IpAddr),
 }
 
 /// The door. Open as long as it has no tokens.
 pub struct Door {
     tokens: RwLock<Option<Arc<Tokens>>>,
-    failures: Mutex<Failures>,
+    failures: Mutex<Buckets<IpAddr>>,
+    requests: Mutex<Buckets<Who>>,
     counters: Counters,
     now: Now,
 }
@@ -72,7 +98,33 @@ impl Door {
     #[must_use]
     pub fn new(tokens: Option<Tokens>, counters: Counters, now: Now) -> Self {
         let tokens = RwLock::new(tokens.map(Arc::new));
-        Self { tokens, failures: Mutex::default(), counters, now }
+        let failures = Mutex::new(Buckets::new(FAILURES.0, FAILURES.1));
+        let requests = Mutex::new(Buckets::new(REQUESTS_A_SECOND * BURST_S, REQUESTS_A_SECOND));
+        Self { tokens, failures, requests, counters, now }
+    }
+
+    /// Lets everybody make so many requests a second, and four times as many at once.
+    #[must_use]
+    pub fn with_requests(self, a_second: f64) -> Self {
+        Self { requests: Mutex::new(Buckets::new(a_second * BURST_S, a_second)), ..self }
+    }
+
+    /// Counts a request of somebody who is let in: of a token together, else of a peer. Who is on this computer and needs
+    /// no token is not held back: there is nobody to tell apart.
+    ///
+    /// # Errors
+    /// When it is more than one may make.
+    pub fn pace(&self, token: Option<&Token>, peer: Option<IpAddr>) -> Result<(), Denied> {
+        let who = match (token, peer) {
+            (Some(token), _) => Who::Token(token.label().to_owned()),
+            (None, Some(peer)) if !peer.to_canonical().is_loopback() => Who::Peer(network(peer)),
+            (None, _) => return Ok(()),
+        };
+        let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        requests.take(who, (self.now)().1).map_err(|after_s| {
+            self.counters.fast.inc();
+            Denied::TooFast { after_s }
+        })
     }
 
     /// One that is always open.
@@ -123,7 +175,9 @@ impl Door {
         };
         let counted = match denied {
             Denied::Missing => &self.counters.missing,
-            Denied::Unknown | Denied::TooMany { .. } => &self.counters.unknown,
+            Denied::Unknown | Denied::TooMany { .. } | Denied::TooFast { .. } => {
+                &self.counters.unknown
+            }
             Denied::Expired => &self.counters.expired,
         };
         let n = counted.inc() + 1;
@@ -134,7 +188,7 @@ impl Door {
         }
         let Some(peer) = peer else { return Err(denied) };
         let mut failures = self.failures.lock().unwrap_or_else(PoisonError::into_inner);
-        failures.note(peer, now_s).map_err(|after_s| {
+        failures.take(network(peer), now_s).map_err(|after_s| {
             self.counters.limited.inc();
             Denied::TooMany { after_s }
         })?;

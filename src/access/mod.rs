@@ -5,13 +5,14 @@
 
 mod token;
 mod list;
-mod failures;
+mod buckets;
 mod door;
 
 pub use door::Counters;
 pub use door::Denied;
 pub use door::Door;
 pub use door::Now;
+pub use door::REQUESTS_A_SECOND;
 pub use list::ListError;
 pub use list::MAX_TOKENS;
 pub use list::Tokens;

@@ -1,6 +1,6 @@
 //! Tokens, the file of them, and the door.
 
-use super::failures::Failures;
+use super::buckets::Buckets;
 use super::*;
 use crate::signal::Timestamp;
 use std::net::IpAddr;
@@ -187,13 +187,35 @@ fn failures_of_a_peer_are_limited_and_lock_out_nobody_with_a_token() {
 
 #[test]
 fn the_table_of_peers_is_bounded() {
-    let mut failures = Failures::default();
+    let mut failures = Buckets::new(10.0, 0.2);
     for i in 0..5000_u32 {
         let peer = IpAddr::V4(i.into());
-        assert_eq!(failures.note(peer, f64::from(i) * 1e-3), Ok(()));
+        assert_eq!(failures.take(peer, f64::from(i) * 1e-3), Ok(()));
         assert!(failures.len() <= 1024);
     }
     // After a while everybody is forgotten to make room.
-    assert_eq!(failures.note(IpAddr::V4(9999.into()), 1e3), Ok(()));
+    assert_eq!(failures.take(IpAddr::V4(9999.into()), 1e3), Ok(()));
     assert_eq!(failures.len(), 1);
+}
+
+#[test]
+fn requests_of_a_token_are_paced_wherever_it_comes_from_and_those_of_this_computer_are_not() {
+    let (door, clock) = door();
+    let door = door.with_requests(2.0);
+    let token = door.admit(Some(secret(1).reveal()), None).unwrap().unwrap();
+    let of = |n: u8| peer(&format!("192.0.2.{n}"));
+    for n in 0..8 {
+        assert_eq!(door.pace(Some(&token), of(n)), Ok(()));
+    }
+    assert_eq!(door.pace(Some(&token), of(9)), Err(Denied::TooFast { after_s: 1.0 }));
+    let other = door.admit(Some(secret(2).reveal()), None).unwrap().unwrap();
+    assert_eq!(door.pace(Some(&other), of(9)), Ok(()), "another token has its own");
+    clock.store(5, Ordering::Relaxed);
+    assert_eq!(door.pace(Some(&token), of(9)), Ok(()));
+    // Without tokens an address is one, and the loopback is nobody's.
+    for _ in 0..8 {
+        assert_eq!(door.pace(None, of(1)), Ok(()));
+    }
+    assert!(door.pace(None, of(1)).is_err() && door.pace(None, of(2)).is_ok());
+    assert!((0..100).all(|_| door.pace(None, peer("::1")).is_ok()));
 }

@@ -33,6 +33,8 @@ pub enum Subject {
     Limit(String),
     /// Data of a channel that do not come.
     Channel(String),
+    /// Everything about the machine, which is maintained: all but that the daemon's store fails.
+    Machine,
 }
 
 impl Subject {
@@ -45,6 +47,7 @@ impl Subject {
             (Self::Channel(name), AlarmSource::Data) => {
                 alarm.kind == ComponentKind::Sensor && alarm.component == *name
             }
+            (Self::Machine, source) => *source != AlarmSource::Store,
             (Self::Component(..) | Self::Limit(_) | Self::Channel(_), _) => false,
         }
     }
@@ -56,6 +59,7 @@ impl Subject {
             Self::Component(kind, id) => format!("{} {id}", kind.name()),
             Self::Limit(id) => format!("limit {id}"),
             Self::Channel(name) => format!("channel {name}"),
+            Self::Machine => "the machine".to_owned(),
         }
     }
 }
@@ -77,6 +81,28 @@ pub struct Advance {
     pub until: Option<Deadline>,
 }
 
+impl Advance {
+    /// Whether the machine is maintained.
+    #[must_use]
+    pub fn is_maintenance(&self) -> bool {
+        self.subject == Subject::Machine
+    }
+
+    /// Whether the silence of an alarm comes from this one.
+    fn is_behind(&self, alarm: &Alarm) -> bool {
+        alarm.silencing.as_ref().is_some_and(|held| {
+            held.silence == self.silence
+                && (&held.author, &held.comment) == (&self.by.author, &self.by.comment)
+                && held.until.map(|until| until.utc) == self.until.map(|until| until.utc)
+        })
+    }
+
+    fn silencing(&self, since_s: f64) -> Silencing {
+        let Signature { author, comment } = self.by.clone();
+        Silencing { silence: self.silence, author, comment, since_s, until: self.until }
+    }
+}
+
 /// A silence in advance as it is asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Announcement {
@@ -84,12 +110,34 @@ pub struct Announcement {
     pub subject: Subject,
     /// Suppressed by design, or out of service; to shelve is for what stands.
     pub silence: Silence,
-    /// For how long, s; `None`: until somebody ends it.
-    pub for_s: Option<f64>,
+    /// When it ends.
+    pub ends: Ends,
     /// Who says it.
     pub author: String,
     /// Why; may be empty.
     pub comment: String,
+}
+
+/// When a silence in advance is to end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Ends {
+    /// When somebody ends it.
+    ByHand,
+    /// After so long, s.
+    After(f64),
+    /// At this time, UTC.
+    At(Timestamp),
+}
+
+impl Ends {
+    /// For how long from `now` on, s; `None`: until somebody ends it.
+    fn after_s(self, now: Moment) -> Option<f64> {
+        match self {
+            Self::ByHand => None,
+            Self::After(for_s) => Some(for_s),
+            Self::At(utc) => Some(utc.0.saturating_sub(now.utc.0) as f64 * 1e-9),
+        }
+    }
 }
 
 /// Why a silence in advance was refused; nothing has changed.
@@ -164,25 +212,16 @@ impl AlarmEngine {
         now: Moment,
     ) -> Result<(Advance, Vec<AlarmEvent>), AdvanceError> {
         let by = signed(&wanted.author, &wanted.comment)?;
-        let not_allowed = |why: &str| Err(AdvanceError::NotAllowed(why.to_owned()));
-        if wanted.silence == Silence::Shelved {
-            return not_allowed("only suppressed and out_of_service can be said in advance");
-        }
-        // Written so that NaN is refused.
-        if wanted.for_s.is_some_and(|for_s| !(for_s > 0.0 && for_s <= MAX_ADVANCE_S)) {
-            return not_allowed("for_s must be above 0 and at most 31536000 s (a year)");
-        }
+        let for_s = wanted.ends.after_s(now);
+        check(wanted, for_s, &by)?;
         if !self.knows(&wanted.subject) {
             return Err(AdvanceError::UnknownSubject(wanted.subject.words()));
         }
-        if let Some(held) = self.advance.iter().find(|held| held.subject == wanted.subject) {
-            let (subject, author) = (wanted.subject.words(), held.by.author.clone());
-            return Err(AdvanceError::Already { subject, author, number: held.number });
-        }
+        let replaced = self.take_replaced(&wanted.subject)?;
         if self.advance.len() >= MAX_ADVANCE {
             return Err(AdvanceError::TooMany);
         }
-        let until = wanted.for_s.map(|for_s| Deadline {
+        let until = for_s.map(|for_s| Deadline {
             monotonic_s: now.monotonic_s + for_s,
             utc: now.utc.plus_seconds(for_s),
         });
@@ -199,8 +238,9 @@ impl AlarmEngine {
         let mut moved = Vec::new();
         for alarm in self.alarms_mut().filter_map(Option::as_mut) {
             let input = AlarmInput::Silence(said.silence);
-            let silenced = alarm.position().after(input, alarm.latching);
-            if let (true, Ok(_)) = (said.subject.is_of(alarm), silenced) {
+            let is_free = alarm.position().after(input, alarm.latching).is_ok()
+                || replaced.as_ref().is_some_and(|before| before.is_behind(alarm));
+            if said.subject.is_of(alarm) && is_free {
                 alarm.silencing = Some(said.silencing(now.stream_s));
                 alarm.changed_at_s = now.stream_s;
                 moved.push(alarm.clone());
@@ -210,6 +250,23 @@ impl AlarmEngine {
         let record = |alarm| self.record(kind, now.stream_s, Some(by.clone()), alarm);
         let events = moved.into_iter().map(record).collect();
         Ok((said, events))
+    }
+
+    /// Takes away what the next one takes the place of: another time or reason of a maintenance.
+    fn take_replaced(&mut self, subject: &Subject) -> Result<Option<Advance>, AdvanceError> {
+        let found = self.advance.iter().enumerate().find(|(_, held)| held.subject == *subject);
+        let Some((at, held)) = found else { return Ok(None) };
+        if held.is_maintenance() {
+            return Ok(Some(self.advance.remove(at)));
+        }
+        let (subject, author) = (subject.words(), held.by.author.clone());
+        Err(AdvanceError::Already { subject, author, number: held.number })
+    }
+
+    /// The maintenance of the machine; `None`: there is none.
+    #[must_use]
+    pub fn maintenance(&self) -> Option<&Advance> {
+        self.advance.iter().find(|held| held.is_maintenance())
     }
 
     /// Ends a silence in advance before its time, and that of the alarms behind it.
@@ -227,9 +284,9 @@ impl AlarmEngine {
         let ended = self.advance.remove(at.ok_or(AdvanceError::Unknown { number })?);
         let mut moved = Vec::new();
         for slot in self.alarms_mut() {
-            let Some(alarm) = slot.as_mut().filter(|alarm| ended.subject.is_of(alarm)) else {
-                continue;
-            };
+            let is_behind =
+                |alarm: &&mut Alarm| ended.subject.is_of(alarm) && ended.is_behind(alarm);
+            let Some(alarm) = slot.as_mut().filter(is_behind) else { continue };
             let input = AlarmInput::EndOf(ended.silence);
             let Ok(after) = alarm.position().after(input, alarm.latching) else { continue };
             (alarm.state, alarm.silencing) = (after.life, None);
@@ -240,9 +297,24 @@ impl AlarmEngine {
             }
         }
         let kind = EventKind::end_of(ended.silence);
-        let record = |alarm| self.record(kind, now.stream_s, Some(by.clone()), alarm);
-        let events = moved.into_iter().map(record).collect();
+        let mut events = Vec::new();
+        for alarm in moved {
+            let id = alarm.id;
+            events.push(self.record(kind, now.stream_s, Some(by.clone()), alarm));
+            events.extend(self.silence_again(id, now));
+        }
         Ok((ended, events))
+    }
+
+    /// Silences an alarm whose silence has just ended, if another one said in advance holds.
+    pub(super) fn silence_again(&mut self, id: u64, now: Moment) -> Option<AlarmEvent> {
+        let all = self.advance.clone();
+        let is_it = |alarm: &&mut Alarm| alarm.id == id && alarm.silencing.is_none();
+        let alarm = self.alarms_mut().filter_map(Option::as_mut).find(is_it)?;
+        let said = strongest(&all, alarm)?;
+        alarm.silencing = Some(said.silencing(now.stream_s));
+        let (kind, alarm) = (EventKind::begin_of(said.silence), alarm.clone());
+        Some(self.record(kind, now.stream_s, Some(said.by.clone()), alarm))
     }
 
     /// Takes over what was said before a restart, or under other settings; what the machine does not have any more is
@@ -255,7 +327,13 @@ impl AlarmEngine {
     /// Forgets those whose time is over; their alarms have the same deadline.
     pub(super) fn end_advance(&mut self, now: Moment) {
         let is_over = |until: Deadline| now.monotonic_s >= until.monotonic_s;
-        self.advance.retain(|one| !one.until.is_some_and(is_over));
+        let over = self.advance.extract_if(.., |one| one.until.is_some_and(is_over));
+        self.over.extend(over.filter(Advance::is_maintenance));
+    }
+
+    /// Maintenances that have ended by their time since this was last asked.
+    pub fn take_ended_maintenances(&mut self) -> Vec<Advance> {
+        std::mem::take(&mut self.over)
     }
 
     /// Silences alarms that have just been raised, if that was said.
@@ -265,7 +343,7 @@ impl AlarmEngine {
         }
         let raised = moved.iter_mut().filter(|(kind, _)| *kind == EventKind::Raised);
         for (_, alarm) in raised.filter(|(_, alarm)| alarm.silencing.is_none()) {
-            let said = self.advance.iter().find(|one| one.subject.is_of(alarm));
+            let said = strongest(&self.advance, alarm);
             let Some(silencing) = said.map(|one| one.silencing(alarm.changed_at_s)) else {
                 continue;
             };
@@ -282,15 +360,38 @@ impl AlarmEngine {
             Subject::Component(kind, id) => self.stated.has(*kind, id),
             Subject::Limit(id) => self.stated.has_limit(id),
             Subject::Channel(name) => self.stated.has_channel(name),
+            Subject::Machine => true,
         }
     }
 }
 
-impl Advance {
-    fn silencing(&self, since_s: f64) -> Silencing {
-        let Signature { author, comment } = self.by.clone();
-        Silencing { silence: self.silence, author, comment, since_s, until: self.until }
+/// The strongest of those that silence an alarm.
+fn strongest<'a>(all: &'a [Advance], alarm: &Alarm) -> Option<&'a Advance> {
+    all.iter().filter(|one| one.subject.is_of(alarm)).max_by_key(|one| one.silence)
+}
+
+/// Whether it can be silent so, for such a time.
+fn check(wanted: &Announcement, for_s: Option<f64>, by: &Signature) -> Result<(), AdvanceError> {
+    let not_allowed = |why: &str| Err(AdvanceError::NotAllowed(why.to_owned()));
+    if wanted.silence == Silence::Shelved {
+        return not_allowed("only suppressed and out_of_service can be said in advance");
     }
+    // Written so that NaN is refused.
+    if for_s.is_some_and(|for_s| !(for_s > 0.0 && for_s <= MAX_ADVANCE_S)) {
+        return not_allowed("it must end later than now and within 31536000 s (a year)");
+    }
+    if wanted.subject != Subject::Machine {
+        return Ok(());
+    }
+    if wanted.silence != Silence::OutOfService || for_s.is_none() {
+        return not_allowed(
+            "a machine is out of service as a whole, and for a time, while it is maintained",
+        );
+    }
+    if by.comment.is_empty() {
+        return not_allowed("say why the machine is maintained: the reason must not be empty");
+    }
+    Ok(())
 }
 
 #[cfg(test)]

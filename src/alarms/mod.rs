@@ -26,6 +26,7 @@ pub use action::Moment;
 pub use advance::Advance;
 pub use advance::AdvanceError;
 pub use advance::Announcement;
+pub use advance::Ends;
 pub use advance::Subject;
 pub use alarm::Acknowledgement;
 pub use alarm::Alarm;
@@ -106,6 +107,8 @@ pub struct AlarmEngine {
     /// Silences in advance, oldest first.
     advance: Vec<Advance>,
     last_advance: u64,
+    /// Maintenances whose time is over, not yet told.
+    over: Vec<Advance>,
     /// Stream time of the newest verdict.
     last_verdict_s: Option<f64>,
     judged_until_s: f64,
@@ -127,6 +130,7 @@ impl AlarmEngine {
             store: Slot::default(),
             advance: Vec::new(),
             last_advance: 0,
+            over: Vec::new(),
             last_verdict_s: None,
             judged_until_s: f64::NEG_INFINITY,
             next_id: 1,
@@ -309,7 +313,10 @@ impl AlarmEngine {
                 *slot = None;
             }
         }
-        self.record_all(ended, now.stream_s)
+        let ids: Vec<u64> = ended.iter().map(|(_, alarm)| alarm.id).collect();
+        let mut events = self.record_all(ended, now.stream_s);
+        events.extend(ids.into_iter().filter_map(|id| self.silence_again(id, now)));
+        events
     }
 
     /// Takes an operator's act in; gives the alarm after it and the transitions: the act, and `Cleared`

@@ -26,6 +26,7 @@ impl AlarmEngine {
         next.next_sequence = self.next_sequence;
         next.judged_until_s = self.judged_until_s;
         next.last_verdict_s = self.last_verdict_s;
+        next.over.clone_from(&self.over);
         next.history = self.history.clone();
         next.bound_history();
         next.take_over_advance(self.advance.clone(), self.last_advance);

@@ -13,7 +13,7 @@ use super::wire::alarms::{
     MachineLoadWire, alarm_id, parse_alarm_id,
 };
 use super::wire::problem::ProblemWire;
-use super::wire::{AlarmStateName, LevelName};
+use super::wire::{AlarmStateName, LevelName, timestamp};
 use crate::alarms::AlarmEvent;
 use crate::alarms::load;
 use crate::signal::Timestamp;
@@ -283,9 +283,7 @@ fn cursor(after: &str) -> Result<(&str, u64), ApiError> {
 }
 
 pub(super) fn since(text: &str) -> Result<Timestamp, ApiError> {
-    let read = text.parse::<jiff::Timestamp>().ok();
-    let time = read.and_then(|time| i64::try_from(time.as_nanosecond()).ok());
-    time.map(Timestamp).ok_or_else(|| {
+    timestamp(text).ok_or_else(|| {
         let message = "allowed is a time such as 2026-05-04T12:00:00Z";
         ApiError::Invalid(format!("since is {text:?}, {message}"))
     })

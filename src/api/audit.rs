@@ -115,7 +115,7 @@ fn events(state: &ApiState) -> Result<&EventsHandle, ApiError> {
     state.events.as_ref().ok_or_else(none)
 }
 
-fn cursor(after: Option<&str>) -> Result<u64, ApiError> {
+pub(super) fn cursor(after: Option<&str>) -> Result<u64, ApiError> {
     let Some(after) = after else { return Ok(u64::MAX) };
     after.parse().map_err(|_| {
         ApiError::Invalid(format!("after is {after:?}, allowed is the `next` of another page"))

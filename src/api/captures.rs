@@ -7,18 +7,19 @@ use super::state::ApiState;
 use super::view::{CaptureHandle, ShardRequest};
 use super::wire::alarms::{AlarmWire, parse_alarm_id};
 use super::wire::captures::{
-    CaptureBegunWire, CaptureBody, CaptureLinkWire, CaptureListWire, CaptureWire,
+    CaptureBegunWire, CaptureBody, CaptureLinkWire, CaptureListWire, CaptureWire, JudgedAgainWire,
 };
 use super::wire::problem::ProblemWire;
 use crate::capture::recording::store::recording;
 use crate::diagnosis::baseline::signed;
 use crate::store::StoreError;
-use crate::store::captures::{CaptureIndex, CaptureQuery, CaptureState};
+use crate::store::captures::{CaptureEntry, CaptureIndex, CaptureQuery, CaptureState};
 use axum::Json;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
+use std::path::PathBuf;
 use std::sync::Arc;
 use utoipa::IntoParams;
 
@@ -28,6 +29,9 @@ const MAX_LIMIT: usize = 1000;
 /// Stream time an operator may ask for, s, as the configuration may at most.
 const MAX_BEFORE_S: f64 = 3600.0;
 const MAX_AFTER_S: f64 = 600.0;
+
+/// Largest capture that is judged again here: some seconds of work.
+const MAX_JUDGED_BYTES: u64 = 200_000_000;
 
 /// Which captures.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -107,16 +111,24 @@ pub(super) async fn download(
     Path(id): Path<String>,
     request: Request,
 ) -> Result<Response, ApiError> {
-    let root = desk(&state)?.root.clone();
+    let (entry, file) = whole(&state, id).await?;
+    let name = format!("{}.h5", entry.id);
+    files::attachment(file, &name, request).await.ok_or_else(|| gone(&entry))
+}
+
+fn gone(entry: &CaptureEntry) -> ApiError {
+    let note = entry.note.clone().unwrap_or_else(|| "its file is not there".to_owned());
+    ApiError::NotFound(format!("capture {} is {}: {note}", entry.id, entry.state.name()))
+}
+
+/// A capture that is not being written any more, with its file.
+async fn whole(state: &ApiState, id: String) -> Result<(CaptureEntry, PathBuf), ApiError> {
+    let root = desk(state)?.root.clone();
     let shown: String = id.chars().take(100).collect();
-    let found = on_index(&state, move |index| index.find(&id)).await?;
+    let found = on_index(state, move |index| index.find(&id)).await?;
     let unknown =
         || ApiError::NotFound(format!("no capture {shown:?}; GET /api/v1/captures lists them"));
     let entry = found.filter(|entry| state.sees(&entry.machine)).ok_or_else(unknown)?;
-    let gone = || {
-        let note = entry.note.clone().unwrap_or_else(|| "its file is not there".to_owned());
-        ApiError::NotFound(format!("capture {} is {}: {note}", entry.id, entry.state.name()))
-    };
     if entry.state == CaptureState::Writing {
         let after_s = entry.trigger_s;
         return Err(ApiError::Conflict(format!(
@@ -127,7 +139,50 @@ pub(super) async fn download(
     }
     let name = format!("{}.h5", entry.id);
     let file = recording(&root, &entry.machine, &name).filter(|_| entry.state.has_file());
-    files::attachment(file.ok_or_else(gone)?, &name, request).await.ok_or_else(gone)
+    let file = file.ok_or_else(|| gone(&entry))?;
+    Ok((entry, file))
+}
+
+/// Judges a capture again, as `rotorwatch diagnose` does: by the machine and the baseline that it keeps. Changes nothing;
+/// one at a time.
+#[utoipa::path(
+    post,
+    path = "/api/v1/captures/{id}/diagnosis",
+    tag = "captures",
+    params(("id" = String, Path, description = "Capture id")),
+    responses(
+        (status = OK, body = JudgedAgainWire),
+        (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json"),
+        (status = CONFLICT, body = ProblemWire, content_type = "application/problem+json",
+         description = "It is still being written, too long, cannot be judged, or another one is being judged"),
+        (status = SERVICE_UNAVAILABLE, body = ProblemWire, content_type = "application/problem+json",
+         description = "Not done in a minute"),
+    )
+)]
+pub(super) async fn judge(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+) -> Result<Json<JudgedAgainWire>, ApiError> {
+    let (entry, file) = whole(&state, id).await?;
+    if entry.bytes > MAX_JUDGED_BYTES {
+        return Err(ApiError::Conflict(format!(
+            "capture {} has {} bytes, {MAX_JUDGED_BYTES} at most are judged here: download it, and rotorwatch diagnose judges it",
+            entry.id, entry.bytes
+        )));
+    }
+    let permit = Arc::clone(&state.rejudging).try_acquire_owned().map_err(|_| {
+        ApiError::Conflict("another capture is being judged: try again when it is done".to_owned())
+    })?;
+    let judge = Arc::clone(&desk(&state)?.judge);
+    let judged = files::beside(move || {
+        // Held until the work is done, even when the client has gone.
+        let _permit = permit;
+        judge(&file)
+    });
+    let judged = judged.await?.map_err(|why| {
+        ApiError::Conflict(format!("capture {} cannot be judged: {why}", entry.id))
+    })?;
+    Ok(Json(JudgedAgainWire::new(&entry.id, &judged)))
 }
 
 /// Asks for a capture of what was just received and what follows.

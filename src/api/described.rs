@@ -52,7 +52,10 @@ fn describe(operation: &mut Operation, method: &Method, path: &str) {
             "403",
             format!("The token's role is not {role} or above, or a page of another server asks"),
         ),
-        ("429", "Too many failures of this address".to_owned()),
+        (
+            "429",
+            "Too many failures of this address, or requests of this token or address".to_owned(),
+        ),
     ] {
         operation.responses.responses.entry(status.to_owned()).or_insert_with(|| problem(why));
     }

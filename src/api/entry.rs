@@ -59,6 +59,8 @@ pub(super) fn needed(method: &Method, path: &str) -> Role {
         "/api/v1/ingest" => Role::Ingest,
         // Who did what is for those who act.
         "/api/v1/audit" | "/api/v1/configurations" => Role::Operator,
+        // What it tells of the computer is for those who keep it.
+        "/api/v1/log" => Role::Admin,
         _ if is_read => Role::Viewer,
         // What is normal, and what a simulation shows, is not a matter of a shift.
         "/api/v1/simulation/scenario"
@@ -71,7 +73,7 @@ pub(super) fn needed(method: &Method, path: &str) -> Role {
 
 /// What is of all machines at once: no token of some of them has it.
 fn is_of_all(path: &str) -> bool {
-    path == "/metrics"
+    matches!(path, "/metrics" | "/api/v1/log")
 }
 
 /// Where a request comes from.
@@ -94,7 +96,12 @@ pub(super) async fn enter(
     mut request: Request,
     next: Next,
 ) -> Response {
-    let token = match state.door.admit(secret(request.headers()), peer(&request)) {
+    let peer = peer(&request);
+    let admitted = state.door.admit(secret(request.headers()), peer).and_then(|token| {
+        state.door.pace(token.as_deref(), peer)?;
+        Ok(token)
+    });
+    let token = match admitted {
         Ok(None) => return next.run(request).await,
         Ok(Some(token)) => token,
         Err(denied) => return ApiError::from(denied).into_response(),

@@ -104,7 +104,9 @@ impl ApiError {
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
-            Self::Unauthorised(Denied::TooMany { .. }) => StatusCode::TOO_MANY_REQUESTS,
+            Self::Unauthorised(Denied::TooMany { .. } | Denied::TooFast { .. }) => {
+                StatusCode::TOO_MANY_REQUESTS
+            }
             Self::Unauthorised(_) => StatusCode::UNAUTHORIZED,
             Self::ForeignOrigin(_) | Self::Forbidden(_) => StatusCode::FORBIDDEN,
             Self::NotReady(_)
@@ -133,6 +135,9 @@ impl ApiError {
             Self::Unauthorised(Denied::TooMany { .. }) => {
                 ("too-many-failures", "Too many failures")
             }
+            Self::Unauthorised(Denied::TooFast { .. }) => {
+                ("too-many-requests", "Too many requests")
+            }
             Self::Unauthorised(_) => ("unauthorised", "A token is needed"),
             Self::Forbidden(_) => ("forbidden", "Not with this token"),
             Self::NotReady(_) => ("not-ready", "Not ready"),
@@ -148,7 +153,7 @@ impl ApiError {
     /// What says to a client how to come in (RFC 6750), or when.
     fn challenge(&self) -> Option<(header::HeaderName, HeaderValue)> {
         let value = match self {
-            Self::Unauthorised(Denied::TooMany { after_s }) => {
+            Self::Unauthorised(Denied::TooMany { after_s } | Denied::TooFast { after_s }) => {
                 let after = HeaderValue::from_str(&format!("{:.0}", after_s.ceil())).ok()?;
                 return Some((header::RETRY_AFTER, after));
             }

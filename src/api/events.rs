@@ -40,7 +40,7 @@ pub(super) struct FollowQuery {
     last_event_id: Option<String>,
 }
 
-/// Streams what happens: `alarm` (a transition), `health` (a verdict changed), `configuration` (one was read), `begin` (the place at which the
+/// Streams what happens: `alarm` (a transition), `health` (a verdict changed), `configuration` (one was read), `maintenance` (it began or ended), `begin` (the place at which the
 /// stream begins), `reset` (what is between the place asked for and the one in `data` is not all there).
 #[utoipa::path(
     get,

@@ -22,12 +22,15 @@ mod trends;
 mod pairs;
 mod turning;
 mod bins;
+mod recent;
 mod spectra;
 mod cwt;
 mod orbit;
 mod alarms;
 mod acts;
 mod silences;
+mod maintenance;
+mod feedback;
 mod events;
 mod audit;
 mod service;
@@ -49,6 +52,7 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use entry::Shared;
 use error::ApiError;
 use state::ApiState;
+use std::time::Duration;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
@@ -91,11 +95,13 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(service::readyz))
         .routes(routes!(service::metrics))
         .routes(routes!(service::system))
+        .routes(routes!(service::log))
         .routes(routes!(service::openapi_json))
         .routes(routes!(machines::list))
         .routes(routes!(machines::describe))
         .routes(routes!(machines::health))
         .routes(routes!(machines::diagnosis))
+        .routes(routes!(feedback::list, feedback::say))
         .routes(routes!(signals::channels))
         .routes(routes!(signals::waveform))
         .routes(routes!(trends::trend))
@@ -117,6 +123,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(acts::reset))
         .routes(routes!(silences::list, silences::announce))
         .routes(routes!(silences::revoke))
+        .routes(routes!(maintenance::show, maintenance::begin, maintenance::end))
         .routes(routes!(events::follow))
         .routes(routes!(audit::list))
         .routes(routes!(audit::configurations))
@@ -132,6 +139,14 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(simulation::scenarios, simulation::change))
 }
 
+/// What takes longer than a request may.
+fn slow_routes() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new().routes(routes!(captures::judge))
+}
+
+/// Longest time of one of them.
+const SLOW: Duration = Duration::from_secs(60);
+
 /// `/livez` answers whatever the load.
 fn live_routes() -> OpenApiRouter<Shared> {
     OpenApiRouter::new().routes(routes!(service::livez))
@@ -140,7 +155,7 @@ fn live_routes() -> OpenApiRouter<Shared> {
 /// Gives the OpenAPI 3.1 document.
 #[must_use]
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    let mut document = routes().merge(live_routes()).into_openapi();
+    let mut document = routes().merge(slow_routes()).merge(live_routes()).into_openapi();
     described::secure(&mut document);
     document
 }
@@ -163,11 +178,13 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .layer(from_fn_with_state(state.clone(), entry::enter))
         .merge(pages.layer(from_fn(conditional::conditional)))
         .layer(from_fn_with_state(state.clone(), guard::concurrency));
+    let within = |longest| TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, longest);
+    let slow = Router::from(slow_routes())
+        .with_state(shared.clone())
+        .layer(from_fn_with_state(state.clone(), entry::enter))
+        .layer(within(SLOW));
     let live = Router::from(live_routes()).with_state(shared);
-    let timeout = TimeoutLayer::with_status_code(
-        StatusCode::SERVICE_UNAVAILABLE,
-        state.settings.request_timeout,
-    );
+    let usual = limited.merge(live).layer(within(state.settings.request_timeout));
     // Outermost first.
     let guards = ServiceBuilder::new()
         .layer(from_fn(guard::headers))
@@ -178,8 +195,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .layer(from_fn(guard::problems))
         .layer(from_fn_with_state(state.clone(), guard::origin))
         .layer(from_fn_with_state(state, guard::host))
-        .layer(timeout)
         .layer(CatchPanicLayer::custom(guard::panicked))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    limited.merge(live).layer(guards)
+    usual.merge(slow).layer(guards)
 }

@@ -25,6 +25,7 @@ pub(super) fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
         since_s: 2.0,
         grown_at_s: 2.0,
         simulated_s: 12.0,
+        shaft_speed_hz: Some(10.0),
         speed: Some(1.0),
         lag: Lag::default(),
         keeps_pace: true,
@@ -34,16 +35,17 @@ pub(super) fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
     let submit = move |request: ScenarioRequest| {
         // Kept with its owner, so that the snapshot stays readable.
         let _kept = &publisher;
-        let ScenarioRequest { wanted, grow_s, reply } = request;
+        let ScenarioRequest { wanted, grow_s, turn_hz, reply } = request;
         let answer = match wanted {
             _ if behaviour == Behaviour::Full => return Err(NotTaken::Busy),
             _ if behaviour == Behaviour::Silent => return Err(NotTaken::Ended),
-            Wanted::Combination(name) if name == "GG_GS_BB" => {
+            None => Ok(Arc::new(Status { shaft_speed_hz: turn_hz, ..status.clone() })),
+            Some(Wanted::Combination(name)) if name == "GG_GS_BB" => {
                 let grown_at_s = 12.0 + grow_s;
                 let scenario = Some("GG_GS_BB");
                 Ok(Arc::new(Status { scenario, since_s: 12.0, grown_at_s, ..status.clone() }))
             }
-            Wanted::Combination(_) | Wanted::Faults(_) => {
+            Some(Wanted::Combination(_) | Wanted::Faults(_)) => {
                 Err(ScenarioError::Refused("not this one".to_owned()))
             }
         };

@@ -2,7 +2,7 @@
 
 use super::error::ApiError;
 use super::exposition;
-use super::extract::State;
+use super::extract::{Query, State, in_range};
 use super::state::{ApiState, newest};
 use super::view::{ConfigurationView, ReceiverStatus, RecordingView, SourceState};
 use super::wire::finite;
@@ -10,13 +10,15 @@ use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
 use super::wire::system::{
-    ConfigurationStateWire, EventStreamsWire, LiveWire, ReadyWire, ReceiverWire, RecordingWire,
-    SecurityWire, StoreWire, StreamWire, SystemWire, TrendStoreWire,
+    ConfigurationStateWire, EventStreamsWire, LiveWire, LogWire, ReadyWire, ReceiverWire,
+    RecordingWire, SecurityWire, StoreWire, StreamWire, SystemWire, TrendStoreWire,
 };
 use axum::Json;
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
 use std::sync::OnceLock;
+use utoipa::IntoParams;
 
 /// Says that the process answers.
 #[utoipa::path(get, path = "/livez", tag = "service", responses((status = OK, body = LiveWire)))]
@@ -52,6 +54,35 @@ pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Json<ReadyWi
     } else {
         Err(ApiError::NotReady(reasons))
     }
+}
+
+/// Which lines.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct LogQuery {
+    /// The newest lines, at most so many.
+    #[param(minimum = 1, maximum = 1000, default = 200)]
+    limit: Option<usize>,
+}
+
+/// Gives the newest lines of the log, oldest first. They are held in memory alone.
+#[utoipa::path(
+    get,
+    path = "/api/v1/log",
+    tag = "service",
+    params(LogQuery),
+    responses(
+        (status = OK, body = LogWire),
+        (status = BAD_REQUEST, body = ProblemWire, content_type = "application/problem+json"),
+    )
+)]
+pub(super) async fn log(
+    State(state): State<ApiState>,
+    Query(query): Query<LogQuery>,
+) -> Result<Json<LogWire>, ApiError> {
+    let limit = in_range("limit", query.limit, 200, 1, 1000)?;
+    Ok(Json(LogWire { lines: (state.log)(limit) }))
 }
 
 /// Gives the metrics as OpenMetrics text; in the older format of Prometheus to who accepts text/plain alone.

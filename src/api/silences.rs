@@ -27,6 +27,13 @@ pub(super) struct ByQuery {
     comment: String,
 }
 
+impl ByQuery {
+    /// Who and why, as the token says.
+    pub(super) fn signed(self, state: &ApiState) -> (String, String) {
+        (state.author(self.author), self.comment)
+    }
+}
+
 /// Lists the silences said in advance of a machine, oldest first.
 #[utoipa::path(
     get,
@@ -101,8 +108,7 @@ pub(super) async fn revoke(
     Query(by): Query<ByQuery>,
 ) -> Result<StatusCode, ApiError> {
     let handle = state.machine(&id)?;
-    let ByQuery { author, comment } = by;
-    let by = (state.author(author), comment);
+    let by = by.signed(&state);
     state.ask(handle, |reply| ShardRequest::Revoke { number, by, reply }).await??;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -34,7 +34,7 @@ pub(super) async fn scenarios(
     if items.is_empty() { Err(none_simulated()) } else { Ok(Json(SimulationListWire { items })) }
 }
 
-/// Damages a simulated machine, lets damage grow, or heals it.
+/// Damages a simulated machine, lets damage grow, heals it, or lets it turn at another speed.
 #[utoipa::path(
     post,
     path = "/api/v1/simulation/scenario",
@@ -60,14 +60,15 @@ pub(super) async fn change(
 ) -> Result<Json<SimulationWire>, ApiError> {
     let (id, handle, simulation) = chosen(&state, body.machine.as_deref())?;
     let (wanted, grow_s) = body.wanted().map_err(ApiError::Invalid)?;
+    let turn_hz = body.shaft_speed_hz;
     let (reply, answer) = oneshot::channel();
     let ended = || ApiError::Conflict(format!("the simulation of {id:?} has ended"));
-    (simulation.submit)(ScenarioRequest { wanted, grow_s, reply }).map_err(
-        |refused| match refused {
+    (simulation.submit)(ScenarioRequest { wanted, grow_s, turn_hz, reply }).map_err(|refused| {
+        match refused {
             NotTaken::Busy => ApiError::Busy("other scenarios are waiting"),
             NotTaken::Ended => ended(),
-        },
-    )?;
+        }
+    })?;
     let changed = match tokio::time::timeout(state.settings.reply_timeout, answer).await {
         Ok(Ok(changed)) => changed,
         Ok(Err(_)) => return Err(ended()),

@@ -4,6 +4,7 @@ use super::bins::{Bins, Wanted, wanted_bins};
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
 use super::pairs::{partner, together, worse};
+use super::recent::Key;
 use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
 use super::state::{ApiState, channel, newest};
 use super::turning::{Turner, Watched};
@@ -15,7 +16,9 @@ use crate::dsp::absolute::absolute_vibration;
 use crate::machine::sensor::Sensor;
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
-use axum::Json;
+use axum::body::Bytes;
+use axum::http::{HeaderValue, Uri, header};
+use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use utoipa::IntoParams;
 
@@ -91,33 +94,52 @@ pub(super) async fn spectrum(
     State(state): State<ApiState>,
     Path((id, name)): Path<(String, String)>,
     Query(query): Query<SpectrumQuery>,
-) -> Result<Json<SpectrumWire>, ApiError> {
-    let handle = state.machine(&id)?;
-    let view = newest(handle);
-    let (_, info) = channel(&view, &name)?;
+    uri: Uri,
+) -> Result<Response, ApiError> {
+    let view = newest(state.machine(&id)?);
+    let (place, _) = channel(&view, &name)?;
+    let received = view.rings.get(place).map_or(0, |ring| ring.received);
+    // A pair's other channel comes with this one.
+    let key = Key { asked: uri.to_string(), received };
+    let made = state.recent.answer(key, async {
+        let wire = computed(&state, (&id, &name), &query).await?;
+        let text = serde_json::to_vec(&wire).map_err(|_| ApiError::Internal)?;
+        Ok::<_, ApiError>(Bytes::from(text))
+    });
+    let json = const { HeaderValue::from_static("application/json") };
+    Ok(([(header::CONTENT_TYPE, json)], made.await?).into_response())
+}
+
+async fn computed(
+    state: &ApiState,
+    (id, name): (&str, &str),
+    query: &SpectrumQuery,
+) -> Result<SpectrumWire, ApiError> {
+    let view = newest(state.machine(id)?);
+    let (_, info) = channel(&view, name)?;
     let sensor = view.machine.sensors.iter().find(|sensor| sensor.channel == name);
-    let request = SpectrumRequest::new(&query, info, sensor)?;
-    let run = fetch(&state, &id, &name, query.end, request.n_wanted()).await?;
+    let request = SpectrumRequest::new(query, info, sensor)?;
+    let run = fetch(state, id, name, query.end, request.n_wanted()).await?;
     let other = if query.kind == SpectrumKind::Absolute {
         let other = match query.with.as_deref() {
             Some(other) => other,
-            None => partner(&view.machine, &name, "with")?,
+            None => partner(&view.machine, name, "with")?,
         };
         channel(&view, other)?;
         // The same samples of both: the shorter end of the two decides.
         let end = run.waveform.start + run.waveform.samples.len() as u64;
         let n_samples = run.waveform.samples.len();
-        Some((other.to_owned(), fetch(&state, &id, other, Some(end), n_samples).await?))
+        Some((other.to_owned(), fetch(state, id, other, Some(end), n_samples).await?))
     } else {
         None
     };
     let watched = if query.kind == SpectrumKind::Order {
-        Some(Turner::of_channel(&view, &name)?.watch(&state, &id, &run).await?)
+        Some(Turner::of_channel(&view, name)?.watch(state, id, &run).await?)
     } else {
         None
     };
-    let wire = state.compute(move || request.compute(&name, run, other, watched.as_ref())).await?;
-    Ok(Json(wire))
+    let name = name.to_owned();
+    state.compute(move || request.compute(&name, run, other, watched.as_ref())).await
 }
 
 /// A checked request.

@@ -1,9 +1,10 @@
 //! What the handlers share.
 
 use super::error::ApiError;
+use super::recent::Recent;
 use super::view::{
-    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, IngestOpen, MachineHandle,
-    MachineView, ShardRequest, StoreHandle, TrendHandle,
+    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, FeedbackHandle, IngestOpen,
+    MachineHandle, MachineView, ShardRequest, StoreHandle, TrendHandle,
 };
 use crate::access::{Door, Token};
 use crate::signal::{ChannelInfo, Timestamp};
@@ -88,6 +89,8 @@ pub struct ApiState {
     pub(super) store: Option<StoreHandle>,
     /// Baselines; `None`: there is no store for them.
     pub(super) baselines: Option<BaselineHandle>,
+    /// What people found of verdicts; `None`: there is no store for it.
+    pub(super) feedback: Option<FeedbackHandle>,
     /// What is pushed; `None`: nothing is.
     pub(super) events: Option<EventsHandle>,
     /// One permit a stream of events.
@@ -99,12 +102,18 @@ pub struct ApiState {
     pub(super) recordings: Option<PathBuf>,
     /// The configuration that holds; `None`: it is unknown.
     pub(super) configuration: Option<watch::Receiver<ConfigurationView>>,
+    /// The newest lines of the log, at most so many.
+    pub(super) log: fn(usize) -> Vec<String>,
     /// Lets senders of samples in; `None`: no source has any.
     pub(super) ingest: Option<IngestOpen>,
     /// One permit a computation.
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
     pub(super) requests: Arc<Semaphore>,
+    /// Spectra that were just computed.
+    pub(super) recent: Recent,
+    /// One permit for a capture that is judged again.
+    pub(super) rejudging: Arc<Semaphore>,
 }
 
 impl std::fmt::Debug for ApiState {
@@ -132,6 +141,8 @@ impl ApiState {
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
             streams: Arc::new(Semaphore::new(settings.max_streams)),
+            rejudging: Arc::new(Semaphore::new(1)),
+            recent: Recent::default(),
             door: Arc::new(Door::open()),
             caller: None,
             settings: Arc::new(settings),
@@ -139,11 +150,13 @@ impl ApiState {
             readiness,
             store: None,
             baselines: None,
+            feedback: None,
             events: None,
             trends: None,
             captures: None,
             recordings: None,
             configuration: None,
+            log: |_| Vec::new(),
             ingest: None,
         }
     }
@@ -220,10 +233,22 @@ impl ApiState {
         Self { baselines: Some(baselines), ..self }
     }
 
+    /// Keeps what people found of verdicts.
+    #[must_use]
+    pub fn with_feedback(self, feedback: FeedbackHandle) -> Self {
+        Self { feedback: Some(feedback), ..self }
+    }
+
     /// Pushes what happens.
     #[must_use]
     pub fn with_events(self, events: EventsHandle) -> Self {
         Self { events: Some(events), ..self }
+    }
+
+    /// Shows the newest lines of the log.
+    #[must_use]
+    pub fn with_log(self, log: fn(usize) -> Vec<String>) -> Self {
+        Self { log, ..self }
     }
 
     /// Reads older events from `store`.

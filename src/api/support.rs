@@ -274,6 +274,11 @@ impl Service {
         Self::of_state(self.state.with_baselines(baselines), self.view)
     }
 
+    /// The same service with a store of what people found.
+    pub(crate) fn with_feedback(self, feedback: super::view::FeedbackHandle) -> Self {
+        Self::of_state(self.state.with_feedback(feedback), self.view)
+    }
+
     /// The same service with a log of events.
     pub(crate) fn with_events(self, events: EventsHandle) -> Self {
         Self::of_state(self.state.with_events(events), self.view)

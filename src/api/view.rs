@@ -30,11 +30,13 @@ use crate::store::BaselineStore;
 use crate::store::audit::AuditLog;
 use crate::store::captures::CaptureIndex;
 use crate::store::events::EventLog;
+use crate::store::feedback::FeedbackStore;
 use crate::store::trends::Holdings;
 use crate::store::trends::TrendArchive;
 use crate::store::writer::Status;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
+use std::path::Path;
 use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::oneshot;
@@ -220,6 +222,21 @@ pub struct BaselineHandle {
     pub wall_clock: fn() -> Timestamp,
 }
 
+/// What people found of verdicts, as the API sees it.
+#[derive(Clone)]
+pub struct FeedbackHandle {
+    /// Where it is kept.
+    pub store: Arc<dyn FeedbackStore>,
+    /// UTC now.
+    pub wall_clock: fn() -> Timestamp,
+}
+
+impl std::fmt::Debug for FeedbackHandle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FeedbackHandle").finish_non_exhaustive()
+    }
+}
+
 /// Measures a recording of a machine by its name; or says why it cannot.
 pub type MeasureRecording =
     Arc<dyn Fn(&Arc<Machine>, &str) -> Result<Record, String> + Send + Sync>;
@@ -237,6 +254,24 @@ pub struct CaptureHandle {
     pub index: Arc<dyn CaptureIndex>,
     /// Folder of the files.
     pub root: PathBuf,
+    /// Judges one again.
+    pub judge: JudgeCapture,
+}
+
+/// Judges a capture again, as `rotorwatch diagnose` does; or says why it cannot. Takes seconds.
+pub type JudgeCapture = Arc<dyn Fn(&Path) -> Result<JudgedAgain, String> + Send + Sync>;
+
+/// A capture that was judged again.
+#[derive(Debug, Clone)]
+pub struct JudgedAgain {
+    /// Of all of it, as it is found now.
+    pub diagnosis: Diagnosis,
+    /// The verdict of then on the newest window it keeps, as a document; `None`: it keeps none.
+    pub then: Option<String>,
+    /// Windows it keeps, and those of them that are the same bit by bit now.
+    pub windows: (usize, usize),
+    /// Why bits may differ; `None`: the same program on the same processor made it.
+    pub made_elsewhere: Option<String>,
 }
 
 impl std::fmt::Debug for CaptureHandle {
@@ -305,8 +340,10 @@ pub struct RecordingView {
 /// Somebody wants another scenario of a simulated source.
 #[derive(Debug)]
 pub struct ScenarioRequest {
-    /// What shall be damaged.
-    pub wanted: Wanted,
+    /// What shall be damaged; `None`: what is.
+    pub wanted: Option<Wanted>,
+    /// At which speed the shaft shall turn, Hz; `None`: as it does.
+    pub turn_hz: Option<f64>,
     /// Simulated time over which it grows, s.
     pub grow_s: f64,
     /// How the source is doing then, or why not.

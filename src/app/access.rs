@@ -33,6 +33,7 @@ pub(super) fn guard(
         expired: metrics.denied("expired"),
         role: metrics.denied("role"),
         limited: metrics.denied("too_many"),
+        fast: metrics.denied("too_fast"),
     };
     let clock = Clock::start();
     let now = move || {
@@ -40,7 +41,8 @@ pub(super) fn guard(
         (moment.utc, moment.monotonic_s)
     };
     let tokens = access.tokens.clone().map(|list| list.0);
-    let door = Arc::new(Door::new(tokens, counters, Arc::new(now)));
+    let door = Door::new(tokens, counters, Arc::new(now));
+    let door = Arc::new(door.with_requests(access.limits.max_requests_per_s));
     let tls = access.tls.as_ref().map(|tls| Tls::new(&tls.identity)).transpose()?;
     let is_encrypted = [tls.is_some(), access.tls.as_ref().is_some_and(|tls| tls.of_ingest)];
     let exposed: Vec<(SocketAddr, bool)> = [Some(http), ingest]

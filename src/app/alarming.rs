@@ -52,6 +52,10 @@ impl Alarming {
         self.keeper.clock().moment(stream_s)
     }
 
+    pub(super) fn machine(&self) -> &str {
+        &self.machine
+    }
+
     /// What follows is judged by the configuration with this hash.
     pub(super) fn renew(&mut self, configuration: &str) {
         self.keeper.renew(configuration);
@@ -85,6 +89,7 @@ impl Alarming {
         };
         let now = self.keeper.clock().moment(stream_s);
         let events = engine.tick(now, flow, self.keeper.failure_to_tell().as_deref());
+        self.note_ended_maintenances(engine);
         self.keep(engine, events.clone(), Vec::new(), stream_s);
         self.keeper.repair(engine, stream_s);
         events
@@ -157,6 +162,7 @@ impl Alarming {
         set(&self.metrics.standing, standing.len());
         set(&self.metrics.unacknowledged, standing.iter().filter(asking).count());
         set(&self.metrics.silenced, silenced);
+        set(&self.metrics.in_maintenance, usize::from(engine.maintenance().is_some()));
         set(&self.metrics.last_hour, load.last_hour);
         set(&self.metrics.last_ten_minutes, load.last_ten_minutes);
         set(&self.metrics.flood, usize::from(load.is_flood()));

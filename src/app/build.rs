@@ -30,6 +30,7 @@ use crate::alarms::Decisions;
 use crate::api::view::BaselineHandle;
 use crate::api::view::CaptureHandle;
 use crate::api::view::EventsHandle;
+use crate::api::view::FeedbackHandle;
 use crate::api::view::MachineHandle;
 use crate::api::view::SimulationHandle;
 use crate::api::view::SourceState;
@@ -110,6 +111,7 @@ pub(super) struct Plan {
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
     pub(super) baselines: BaselineHandle,
+    pub(super) feedback: FeedbackHandle,
     pub(super) events: EventsHandle,
     pub(super) notify: Notifier,
     pub(super) trending: TrendPlan,
@@ -173,9 +175,9 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         handles.push(joined.handle);
     }
     // The ways to the threads of trends and captures that are kept here end now: those threads end with the shards.
-    let Stores { keeper, keeping, baselines, events, notify, trending, trends, captures, .. } =
+    let Stores { keeper, keeping, baselines, feedback, events, notify, trending, trends, .. } =
         stores;
-    let captures = captures.map(|captures| (captures.plan, captures.handle));
+    let captures = stores.captures.map(|captures| (captures.plan, captures.handle));
     Ok(Plan {
         shards,
         sources,
@@ -185,6 +187,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         keeper,
         keeping,
         baselines,
+        feedback,
         events,
         notify,
         trending,

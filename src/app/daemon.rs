@@ -28,6 +28,7 @@ use crate::api::view::ConfigurationView;
 use crate::api::view::MachineHandle;
 use crate::api::view::StoreHandle;
 use crate::config::Config;
+use crate::telemetry;
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
@@ -110,7 +111,7 @@ impl Daemon {
         let (metrics_text, readiness) = (plan.metrics_text(hub.clone()), readiness(&plan));
         runtime.spawn(supervisor::feed(moves(&plan), server_stop.clone()));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
-        let (events, mut notifier) = (plan.events, plan.notify);
+        let (events, feedback, mut notifier) = (plan.events, plan.feedback, plan.notify);
         let links = plan.links;
         let (trending, trends) = (plan.trending, plan.trends);
         let limits = Arc::clone(&trending.limits);
@@ -160,23 +161,36 @@ impl Daemon {
             hosts: config.access.hosts.clone(),
             cors_origins: config.access.cors_origins.clone(),
             is_encrypted: tls.is_some(),
+            max_streams: config.access.limits.max_event_streams,
             warnings,
             ..state::Settings::new(address)
         };
-        let listener = http::Patient::new(listener, events.stalled.clone())
+        let max_connections = config.access.limits.max_connections;
+        super::descriptors::provide(max_connections);
+        for (what, most) in [
+            ("http_connections", max_connections),
+            ("event_streams", config.access.limits.max_event_streams),
+            ("ingest_connections", config.ingest.max_connections),
+            ("queue_bytes", queues.iter().map(|queue| queue.max_bytes()).max().unwrap_or(0)),
+        ] {
+            metrics.state_capacity(what, most);
+        }
+        let listener = http::Patient::new(listener, events.stalled.clone(), max_connections)
             .with_tls(tls.as_ref())
             .counting_refused(metrics.access().connections_refused);
         let state = state::ApiState::new(handles.clone(), settings, metrics_text, readiness)
             .with_door(door)
             .with_store(StoreHandle { archive: keeper.archive, status: keeper.status })
             .with_baselines(baselines)
+            .with_feedback(feedback)
+            .with_log(telemetry::newest_log_lines)
             .with_events(events)
             .with_trends(trends)
             .with_captures(captures)
             .with_recordings(super::recording::root(config))
             .with_configuration(configuration)
             .with_ingest(open.map(live::pipe::handle));
-        let router = http::router(state);
+        let router = http::measured(http::router(state), metrics.http());
         let server = runtime.spawn(http::serve(listener, router, server_stop.clone()));
         tracing::info!(%address, n_machines = handles.len(), n_shards = queues.len(), "started");
         Ok(Self {

@@ -7,10 +7,17 @@ use crate::api;
 use crate::api::entry::Peer;
 use crate::api::state;
 use crate::dashboard;
+use crate::telemetry::HttpMetrics;
+use axum::extract::MatchedPath;
+use axum::extract::Request;
 use axum::extract::connect_info::Connected;
+use axum::http::Method;
+use axum::middleware::Next;
+use axum::middleware::from_fn;
 use axum::serve::IncomingStream;
 use axum::serve::Listener;
 use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::gauge::Gauge;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -35,15 +42,52 @@ pub fn router(state: state::ApiState) -> axum::Router {
     api::router(state, dashboard::router())
 }
 
+/// The same, with each answer counted and its time taken.
+pub fn measured(router: axum::Router, metrics: HttpMetrics) -> axum::Router {
+    router.layer(from_fn(move |request: Request, next: Next| {
+        let metrics = metrics.clone();
+        async move {
+            let begun = super::now();
+            let method = method_name(request.method());
+            let route = request.extensions().get::<MatchedPath>().cloned();
+            metrics.in_flight.inc();
+            let answering = Answering(metrics.in_flight.clone());
+            let response = next.run(request).await;
+            drop(answering);
+            let route = route.as_ref().map_or("none", MatchedPath::as_str);
+            let took = super::now().saturating_duration_since(begun);
+            metrics.count((method, route, response.status().as_u16()), took.as_secs_f64());
+            response
+        }
+    }))
+}
+
+/// A request that is being answered, or was given up by who asked.
+struct Answering(Gauge);
+
+impl Drop for Answering {
+    fn drop(&mut self) {
+        self.0.dec();
+    }
+}
+
+/// Methods that somebody made up are one.
+fn method_name(method: &Method) -> &'static str {
+    match *method {
+        Method::GET => "GET",
+        Method::HEAD => "HEAD",
+        Method::POST => "POST",
+        Method::DELETE => "DELETE",
+        Method::OPTIONS => "OPTIONS",
+        _ => "other",
+    }
+}
+
 /// How long a reader may take nothing of what is written to it.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// How long there may be nothing to say to who is connected: longer than the silence of a stream of events or a sender.
 pub const IDLE: Duration = Duration::from_secs(75);
-
-/// Connections that are open at a time; others are closed at once. Files of the store need descriptors, too, of which a
-/// process usually has 1024.
-pub const MAX_CONNECTIONS: usize = 768;
 
 /// A listener whose connections break when their reader takes nothing for [`PATIENCE`], or has nothing done for [`IDLE`]:
 /// nobody holds a stream of events, the memory of an answer, or a place, without using it.
@@ -63,11 +107,11 @@ impl std::fmt::Debug for Patient {
 }
 
 impl Patient {
-    /// Counts what it breaks in `stalled`.
+    /// Counts what it breaks in `stalled`; so many connections are open at a time, others are closed at once.
     #[must_use]
-    pub fn new(listener: TcpListener, stalled: Counter) -> Self {
+    pub fn new(listener: TcpListener, stalled: Counter, max_connections: usize) -> Self {
         let limits = Limits { patience: PATIENCE, idle: IDLE };
-        let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+        let places = Arc::new(Semaphore::new(max_connections));
         Self { listener, tls: None, limits, places, stalled, refused: Counter::default() }
     }
 
@@ -168,7 +212,8 @@ mod tests {
             let _context = runtime.enter();
             let listener = TcpListener::from_std(bound).unwrap();
             let patience = Duration::from_millis(300);
-            Patient::new(listener, stalled.clone()).with_limits(Limits { patience, idle: IDLE }, 2)
+            Patient::new(listener, stalled.clone(), 2)
+                .with_limits(Limits { patience, idle: IDLE }, 2)
         };
         let router = axum::Router::new().route("/", axum::routing::get(async || endless()));
         runtime.spawn(serve(listener, router, stop.clone()));
@@ -204,7 +249,7 @@ mod tests {
         let listener = {
             let _context = runtime.enter();
             let listener = TcpListener::from_std(bound).unwrap();
-            Patient::new(listener, Counter::default())
+            Patient::new(listener, Counter::default(), 1)
                 .counting_refused(refused.clone())
                 .with_limits(limits, 1)
         };

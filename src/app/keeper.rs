@@ -15,6 +15,7 @@ use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::StreamKey;
 use crate::store::events::ConfigurationChange;
+use crate::store::events::MaintenanceChange;
 use crate::store::writer::Done;
 use crate::store::writer::Job;
 use crate::store::writer::MAX_WAITING;
@@ -119,7 +120,9 @@ impl KeeperPlan {
         let (mut n_stored, mut n_lost) = (0, 0);
         loop {
             let mut is_over = false;
-            let refused = match jobs.recv_timeout(RETRY) {
+            let received = jobs.recv_timeout(RETRY);
+            let begun = super::now();
+            let refused = match received {
                 Ok(first) => {
                     let more = jobs.try_iter().take(GROUP - 1);
                     writer.take(std::iter::once(first).chain(more).collect())
@@ -130,6 +133,10 @@ impl KeeperPlan {
                     writer.flush()
                 }
             };
+            if status.n_stored() != n_stored {
+                let took = super::now().saturating_duration_since(begun);
+                metrics.commit_s.observe(took.as_secs_f64());
+            }
             metrics.stored.inc_by(status.n_stored() - n_stored);
             // What is refused is told too.
             if status.n_stored() != n_stored || refused.is_err() {
@@ -163,6 +170,8 @@ pub struct MachineKeeper {
     send_advance: bool,
     /// Acts that go with the next batch.
     acts: Vec<(&'static str, Signature)>,
+    /// What became of maintenances, which does, too.
+    maintenance: Vec<MaintenanceChange>,
     /// Transitions that are not stored yet, oldest first: what falls out of the engine's history before it is
     /// stored shall still be shown. As many as may wait for the store.
     unstored: VecDeque<AlarmEvent>,
@@ -186,6 +195,7 @@ impl MachineKeeper {
             send_standing: false,
             send_advance: false,
             acts: Vec::new(),
+            maintenance: Vec::new(),
             unstored: VecDeque::new(),
             n_lost_seen: 0,
             decisions_at,
@@ -239,6 +249,7 @@ impl MachineKeeper {
         {
             return;
         }
+        let maintenance = std::mem::take(&mut self.maintenance);
         let n_events = events.len() + health.len();
         self.forget_stored();
         self.unstored.extend(events.iter().cloned());
@@ -256,6 +267,7 @@ impl MachineKeeper {
             advance: (self.send_standing || self.send_advance)
                 .then(|| (engine.advance().to_vec(), engine.last_advance())),
             acts: std::mem::take(&mut self.acts),
+            maintenance,
             decisions: (self.stream.judged_by.is_some() && engine.judged_until_s().is_some())
                 .then(|| engine.decisions()),
         };
@@ -265,7 +277,7 @@ impl MachineKeeper {
             Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) => {
                 self.keeper.status.count_lost(n_events);
                 self.send_standing = true;
-                self.acts = job.batch.acts;
+                (self.acts, self.maintenance) = (job.batch.acts, job.batch.maintenance);
                 if let Some(done) = job.done {
                     done(Err("the store does not keep up".to_owned()));
                 }
@@ -277,6 +289,12 @@ impl MachineKeeper {
     pub fn note_advance(&mut self, act: &'static str, by: Signature) {
         self.send_advance = true;
         self.acts.push((act, by));
+    }
+
+    /// What became of the maintenance of the machine: it goes with the next batch.
+    pub fn note_maintenance(&mut self, change: MaintenanceChange) {
+        self.send_advance = true;
+        self.maintenance.push(change);
     }
 
     /// The transitions before number `before` that may not be in the store yet, oldest first and without a hole up

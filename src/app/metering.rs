@@ -1,10 +1,16 @@
 //! The counters of a machine on its shard: what has been counted since they were told last.
 
+use crate::alarms::Alarm;
+use crate::alarms::Level;
 use crate::buffer::RingStatus;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::Diagnosis;
 use crate::signal::ChannelInfo;
 use crate::telemetry::ChannelMetrics;
+use crate::telemetry::ComponentMetrics;
 use crate::telemetry::MachineMetrics;
 use crate::telemetry::Metrics;
+use std::collections::BTreeSet;
 
 /// The machine's counters, and the counts they have been given.
 #[derive(Debug)]
@@ -12,6 +18,10 @@ pub(super) struct Meters {
     pub(super) machine: MachineMetrics,
     channels: Vec<(ChannelMetrics, RingStatus)>,
     blocks_dropped: u64,
+    id: String,
+    components: ComponentMetrics,
+    /// Kind and id of the components that are shown.
+    shown: BTreeSet<(&'static str, String)>,
 }
 
 impl Meters {
@@ -23,6 +33,9 @@ impl Meters {
             machine: metrics.machine(machine),
             channels: channels.iter().map(counted).collect(),
             blocks_dropped: 0,
+            id: machine.to_owned(),
+            components: metrics.components(),
+            shown: BTreeSet::new(),
         }
     }
 
@@ -46,5 +59,35 @@ impl Meters {
         }
         self.machine.blocks_dropped.inc_by(blocks_dropped - self.blocks_dropped);
         self.blocks_dropped = blocks_dropped;
+    }
+
+    /// Shows what is known of components, and forgets those that there are no more.
+    pub(super) fn show(&mut self, diagnosis: Option<&Diagnosis>, alarms: &[Alarm]) {
+        let components = diagnosis.map_or(&[][..], |diagnosis| &diagnosis.components);
+        let mut shown = BTreeSet::new();
+        for one in components {
+            let is_of = |alarm: &&Alarm| {
+                alarm.kind == one.kind && alarm.component == one.id && alarm.silencing.is_none()
+            };
+            let asking = alarms.iter().filter(|alarm| alarm.state.is_active()).filter(is_of);
+            let level = asking.map(|alarm| alarm.level).max();
+            let alarm = level.map_or(0, |level| match level {
+                Level::Warning => 1,
+                Level::Damaged => 2,
+            });
+            let state = match one.state {
+                State::Undetermined => 0,
+                State::Healthy => 1,
+                State::Warning => 2,
+                State::Damaged => 3,
+            };
+            let of = (self.id.as_str(), one.kind.name(), one.id.as_str());
+            self.components.show(of, state, one.severity, alarm);
+            shown.insert((one.kind.name(), one.id.clone()));
+        }
+        for (kind, id) in self.shown.difference(&shown) {
+            self.components.forget((&self.id, kind, id));
+        }
+        self.shown = shown;
     }
 }

@@ -38,6 +38,7 @@ pub mod notify;
 pub mod tls;
 mod access;
 mod connection;
+mod descriptors;
 mod supervisor;
 pub mod http;
 pub mod start_error;
@@ -56,6 +57,9 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 use std::time::SystemTime;
+
+/// Folder of captures in a store.
+pub(crate) const CAPTURES: &str = captures::FOLDER;
 
 /// Runs the daemon until SIGTERM or SIGINT, and follows its configuration `file`.
 ///

@@ -215,6 +215,12 @@ impl<T, R> Queue<T, R> {
         self.freed.notify_all();
     }
 
+    /// Bytes of items that may wait.
+    #[must_use]
+    pub fn max_bytes(&self) -> usize {
+        self.max_bytes
+    }
+
     /// Bytes of the items waiting.
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -1,10 +1,11 @@
 //! A shard: one thread that owns whole machines and takes their blocks and questions in turn.
 
+use super::link::Input;
 use super::link::ShardQueue;
 use super::monitored::Monitored;
 use super::queue::Popped;
 use crate::pipeline::Plans;
-use prometheus_client::metrics::gauge::Gauge;
+use crate::telemetry::ShardMetrics;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::PoisonError;
@@ -48,13 +49,18 @@ pub fn run(
     queue: &Arc<ShardQueue>,
     machines: &mut [Monitored],
     heartbeat: &Heartbeat,
-    queue_bytes: &Gauge,
+    metrics: &ShardMetrics,
 ) {
     let mut publish_at = super::now();
     let mut plans = Plans::new();
     loop {
-        match queue.pop(publish_at) {
+        let popped = queue.pop(publish_at);
+        let begun = super::now();
+        match popped {
             Popped::Item((machine, input)) => {
+                if let Input::Block(_, arrived) = &input {
+                    metrics.wait_s.observe(begun.saturating_duration_since(*arrived).as_secs_f64());
+                }
                 if let Some(machine) = machines.get_mut(machine) {
                     machine.exchange_plans(&mut plans);
                     machine.take(input, queue.bytes());
@@ -73,12 +79,13 @@ pub fn run(
         heartbeat.beat(now);
         if now >= publish_at {
             let bytes = queue.bytes();
-            queue_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
+            metrics.queue_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
             for machine in &mut *machines {
                 machine.tick(bytes);
             }
             publish_at = now + PUBLISH_EVERY;
         }
+        metrics.busy_s.inc_by(super::now().saturating_duration_since(begun).as_secs_f64());
     }
 }
 

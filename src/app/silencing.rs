@@ -5,10 +5,13 @@ use super::monitored::Monitored;
 use super::monitored::engine;
 use crate::alarms::Advance;
 use crate::alarms::AdvanceError;
+use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Announcement;
 use crate::alarms::Signature;
 use crate::api::view::AdvanceFailure;
+use crate::store::events::MaintenanceChange;
+use crate::store::events::MaintenanceOutcome;
 use tokio::sync::oneshot;
 
 /// Who is answered when an act is stored, or why it is not.
@@ -21,10 +24,10 @@ impl Monitored {
         let now = self.alarming.moment(stream_s);
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         let done = engine.announce(wanted, now);
-        let comment = format!("{}: {}", wanted.subject.words(), wanted.comment.trim());
-        let by = Signature { author: wanted.author.trim().to_owned(), comment };
-        let act = ("silence_announced", by);
-        self.alarming.keep_advance(engine, done, act, stream_s, reply);
+        if let Ok((said, _)) = &done {
+            self.alarming.note_said(MaintenanceOutcome::Began, said, said.by.clone());
+        }
+        self.alarming.keep_advance(engine, done, stream_s, reply);
     }
 
     /// Ends one.
@@ -33,19 +36,54 @@ impl Monitored {
         let now = self.alarming.moment(stream_s);
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
         let done = engine.revoke(number, (&by.0, &by.1), now);
-        let words = done.as_ref().map_or(String::new(), |(ended, _)| ended.subject.words());
-        let comment = format!("{words}: {}", by.1.trim());
-        let act = ("silence_ended", Signature { author: by.0.trim().to_owned(), comment });
-        self.alarming.keep_advance(engine, done, act, stream_s, reply);
+        if let Ok((ended, _)) = &done {
+            let [author, comment] = [&by.0, &by.1].map(|text| text.trim().to_owned());
+            let by = Signature { author, comment };
+            self.alarming.note_said(MaintenanceOutcome::Ended, ended, by);
+        }
+        self.alarming.keep_advance(engine, done, stream_s, reply);
     }
 }
 
 impl Alarming {
+    /// Notes for the audit, and of a maintenance for the log of events, that `one` was said or ended.
+    fn note_said(&mut self, outcome: MaintenanceOutcome, one: &Advance, by: Signature) {
+        if one.is_maintenance() {
+            self.keeper.note_advance(outcome.name(), by.clone());
+            return self.note_maintenance(outcome, one, by);
+        }
+        let act = match outcome {
+            MaintenanceOutcome::Began => "silence_announced",
+            MaintenanceOutcome::Ended | MaintenanceOutcome::Over => "silence_ended",
+        };
+        let comment = format!("{}: {}", one.subject.words(), by.comment);
+        self.keeper.note_advance(act, Signature { comment, ..by });
+    }
+
+    fn note_maintenance(&mut self, outcome: MaintenanceOutcome, one: &Advance, by: Signature) {
+        let Signature { author, comment: reason } = by;
+        tracing::warn!(
+            machine = self.machine(),
+            what = outcome.name(),
+            author,
+            reason,
+            "maintenance"
+        );
+        let until = one.until.map(|until| until.utc);
+        self.keeper.note_maintenance(MaintenanceChange { outcome, author, reason, until });
+    }
+
+    /// Notes the maintenances whose time is over.
+    pub(super) fn note_ended_maintenances(&mut self, engine: &mut AlarmEngine) {
+        for one in engine.take_ended_maintenances() {
+            self.note_maintenance(MaintenanceOutcome::Over, &one, one.by.clone());
+        }
+    }
+
     fn keep_advance(
         &mut self,
-        engine: &crate::alarms::AlarmEngine,
+        engine: &AlarmEngine,
         done: Result<(Advance, Vec<AlarmEvent>), AdvanceError>,
-        (act, by): (&'static str, Signature),
         stream_s: f64,
         reply: Reply,
     ) {
@@ -55,7 +93,6 @@ impl Alarming {
             Err(error) => return drop(reply.send(Err(error.into()))),
         };
         self.note(&events);
-        self.keeper.note_advance(act, by);
         let answer = move |stored: Result<(), String>| {
             let answer = stored.map(|()| advance).map_err(AdvanceFailure::NotStored);
             drop(reply.send(answer));

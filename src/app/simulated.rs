@@ -47,12 +47,20 @@ impl Desk {
     /// Answers what waits and shows how the source is doing.
     fn serve(&self, machine: &str, source: &mut Source) {
         while let Ok(request) = self.requests.try_recv() {
-            let ScenarioRequest { wanted, grow_s, reply } = request;
-            let changed = source.change(&wanted, grow_s);
+            let ScenarioRequest { wanted, grow_s, turn_hz, reply } = request;
+            // The damage first: a speed that is refused is told, and the damage holds.
+            let damaged = wanted.map_or(Ok(()), |wanted| source.change(&wanted, grow_s));
+            let changed = damaged.and_then(|()| turn_hz.map_or(Ok(()), |hz| source.turn(hz)));
             let status = Arc::new(source.status());
             if changed.is_ok() {
                 let scenario = status.scenario.unwrap_or("faults");
-                tracing::info!(machine, scenario, grow_s, "scenario of the simulation changed");
+                tracing::info!(
+                    machine,
+                    scenario,
+                    grow_s,
+                    turn_hz,
+                    "scenario of the simulation changed"
+                );
             }
             self.publisher.send_replace(Arc::clone(&status));
             // Who asked may have gone.

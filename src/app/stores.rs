@@ -19,6 +19,7 @@ use super::trending::TrendKeeper;
 use super::trending::TrendPlan;
 use crate::api::view::BaselineHandle;
 use crate::api::view::EventsHandle;
+use crate::api::view::FeedbackHandle;
 use crate::api::view::TrendHandle;
 use crate::capture::recording::store::Store as Recordings;
 use crate::capture::writer::CaptureHeader;
@@ -31,6 +32,7 @@ use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
 use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
+use crate::store::feedback::SqliteFeedback;
 use crate::store::sqlite;
 use crate::telemetry::Metrics;
 use std::sync::Arc;
@@ -42,6 +44,7 @@ pub(super) struct Stores {
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
     pub(super) baselines: BaselineHandle,
+    pub(super) feedback: FeedbackHandle,
     pub(super) events: EventsHandle,
     pub(super) notify: Notifier,
     pub(super) recordings: Option<Arc<Mutex<Recordings>>>,
@@ -63,6 +66,8 @@ impl Stores {
     ) -> Result<Self, StartError> {
         let (keeper, keeping) = open_keeper(config, metrics)?;
         let baselines = baselines::handle(config)?;
+        let feedback = Arc::new(SqliteFeedback::join(&config.store.directory)?);
+        let feedback = FeedbackHandle { store: feedback, wall_clock: super::wall_clock };
         let (events, notify) = notify::plan(config, &keeper, metrics)?;
         let recordings = recording::open_store(config);
         let n_channels = streams.iter().map(|stream| stream.channels.len()).sum();
@@ -83,6 +88,7 @@ impl Stores {
             keeper,
             keeping,
             baselines,
+            feedback,
             events,
             notify,
             recordings,

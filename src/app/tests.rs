@@ -149,7 +149,7 @@ pub(super) fn running_on(
     thread::spawn(move || keeping.run());
     let (monitored, view) =
         Monitored::new(machine("rig-1"), opened, None, (Arc::clone(link.losses()), &metrics));
-    let (shard_queue, gauge) = (Arc::clone(&queue), metrics.queue_bytes(0));
+    let (shard_queue, gauge) = (Arc::clone(&queue), metrics.shard(0));
     let shard = thread::spawn(move || {
         shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);
     });

@@ -86,10 +86,10 @@ fn start_machines(
     stop: &Arc<Stop>,
 ) -> io::Result<()> {
     for (number, plan) in (0_u64..).zip(shards) {
-        let queue_bytes = metrics.queue_bytes(number);
+        let measured = metrics.shard(number);
         let ShardPlan { queue, mut machines, heartbeat } = plan;
         threads.start(format!("shard-{number}"), move || {
-            shard::run(&queue, &mut machines, &heartbeat, &queue_bytes);
+            shard::run(&queue, &mut machines, &heartbeat, &measured);
         })?;
     }
     for plan in sources {

@@ -126,6 +126,27 @@ impl Api {
         self.answer(self.signed(request).call())
     }
 
+    /// A text that is no document, by its path from the root.
+    ///
+    /// # Errors
+    /// When it is refused, or nobody answers.
+    pub(super) fn text(&self, path: &str) -> Result<String, AskError> {
+        let endpoint = self.endpoint.to_string();
+        let no_answer = |error: ureq::Error| AskError::NoAnswer {
+            endpoint: endpoint.clone(),
+            why: client::why(&error),
+        };
+        let request = self.signed(self.agent.get(format!("{}{path}", self.base)));
+        let mut answer = request.call().map_err(no_answer)?;
+        let status = answer.status().as_u16();
+        let text = answer.body_mut().with_config().limit(MAX_ANSWER_BYTES).read_to_string();
+        let text = text.map_err(no_answer)?;
+        if status < 300 {
+            return Ok(text);
+        }
+        Err(self.refused(status, &serde_json::from_str(&text).unwrap_or_default()))
+    }
+
     /// Whether the daemon does its work, and the problem if not.
     ///
     /// # Errors

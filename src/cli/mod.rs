@@ -24,6 +24,8 @@ pub mod client;
 pub mod status;
 mod secret;
 pub mod token;
+pub mod backup;
+pub mod support_bundle;
 pub mod alarms;
 pub mod export;
 pub mod replay_alarms;
@@ -120,6 +122,15 @@ pub enum Command {
     /// Say how a running daemon and its machines are doing
     #[command(after_help = status::EXAMPLES)]
     Status(status::Arguments),
+    /// Copy the store of a daemon, which may run, into one file
+    #[command(after_help = backup::EXAMPLES)]
+    Backup(backup::Arguments),
+    /// Check a backup as a whole and put it in place
+    #[command(after_help = backup::restore::EXAMPLES)]
+    Restore(backup::restore::Arguments),
+    /// Gather what others need to know of a daemon, without secrets
+    #[command(after_help = support_bundle::EXAMPLES)]
+    SupportBundle(support_bundle::Arguments),
     /// Make, list and revoke access tokens of a daemon
     #[command(after_help = token::EXAMPLES)]
     Token(token::Arguments),
@@ -166,6 +177,9 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Baseline(arguments) => baseline::run(arguments),
         Command::Alarms(arguments) => alarms::run(arguments),
         Command::Status(arguments) => status::run(arguments),
+        Command::Backup(arguments) => backup::run(arguments),
+        Command::Restore(arguments) => backup::restore::run(arguments),
+        Command::SupportBundle(arguments) => support_bundle::run(arguments),
         Command::Token(arguments) => token::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::ReplayAlarms(arguments) => replay_alarms::run(arguments),

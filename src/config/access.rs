@@ -2,6 +2,7 @@
 
 use super::raw;
 use super::resolve::Resolver;
+use crate::access::REQUESTS_A_SECOND;
 use crate::access::Tokens;
 use rustls::crypto::ring;
 use rustls::sign::CertifiedKey;
@@ -41,8 +42,28 @@ pub struct Access {
     pub hosts: Vec<String>,
     /// Pages of these origins may ask it too.
     pub cors_origins: Vec<String>,
+    /// How much of it there may be.
+    pub limits: Limits,
     /// What the command line said.
     pub exposure: Exposure,
+}
+
+/// How much HTTP there may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Requests a second of one token, or of one address without.
+    pub max_requests_per_s: f64,
+    /// Connections open at a time.
+    pub max_connections: usize,
+    /// Streams of events open at a time.
+    pub max_event_streams: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        let max_requests_per_s = REQUESTS_A_SECOND;
+        Self { max_requests_per_s, max_connections: 768, max_event_streams: 256 }
+    }
 }
 
 /// Tokens. They say nothing of what is judged, and are no part of a hash.
@@ -128,7 +149,20 @@ impl Resolver<'_> {
         );
         let allowed = "an origin, such as \"https://dashboards.example.org\"";
         let cors_origins = self.names("server.cors_origins", &raw.cors_origins, is_origin, allowed);
-        Access { tokens, tls, hosts, cors_origins, exposure }
+        let usual = Limits::default();
+        let limits = Limits {
+            max_requests_per_s: raw.max_requests_per_s.unwrap_or(usual.max_requests_per_s),
+            max_connections: raw.max_connections.unwrap_or(usual.max_connections),
+            max_event_streams: raw.max_event_streams.unwrap_or(usual.max_event_streams),
+        };
+        if limits.max_event_streams > limits.max_connections {
+            let (streams, connections) = (limits.max_event_streams, limits.max_connections);
+            self.report(
+                "server.max_event_streams",
+                format!("{streams} is more than server.max_connections ({connections}): each stream is a connection"),
+            );
+        }
+        Access { tokens, tls, hosts, cors_origins, limits, exposure }
     }
 
     /// Refuses an address that other hosts can reach, unless it needs tokens or somebody wants it so.

@@ -8,6 +8,7 @@ use super::Access;
 use super::Captures;
 use super::Config;
 use super::Ingest;
+use super::Limits;
 use super::MachineConfig;
 use super::Store;
 use super::Tls;
@@ -109,7 +110,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
 }
 
 fn of_access(notes: &mut Notes, old: &Access, new: &mut Access) {
-    let Access { tokens, tls, hosts, cors_origins, exposure } = new;
+    let Access { tokens, tls, hosts, cors_origins, limits, exposure } = new;
     // Whether anybody needs one, and whether anything is encrypted, was decided with the address.
     if tokens.is_some() == old.tokens.is_some() {
         notes.live("server.token_file", &old.tokens, tokens);
@@ -125,6 +126,11 @@ fn of_access(notes: &mut Notes, old: &Access, new: &mut Access) {
     }
     notes.fixed("server.hosts", &old.hosts, hosts);
     notes.fixed("server.cors_origins", &old.cors_origins, cors_origins);
+    let Limits { max_requests_per_s, max_connections, max_event_streams } = limits;
+    let before = &old.limits;
+    notes.fixed("server.max_requests_per_s", &before.max_requests_per_s, max_requests_per_s);
+    notes.fixed("server.max_connections", &before.max_connections, max_connections);
+    notes.fixed("server.max_event_streams", &before.max_event_streams, max_event_streams);
     // Said on the command line: the same as long as the daemon runs.
     notes.fixed("--insecure", &old.exposure, exposure);
 }

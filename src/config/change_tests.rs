@@ -120,13 +120,16 @@ type Step = (&'static str, fn(&mut Config));
 
 #[test]
 fn what_needs_a_restart_says_so_and_stays_as_it_was() {
-    let steps: [Step; 19] = [
+    let steps: [Step; 22] = [
         ("server.bind", |c| c.bind.set_port(9)),
         ("ingest.bind", |c| c.ingest.bind.set_port(9)),
         ("server.token_file", |c| c.access.tokens = Some(tokens("a"))),
         ("server.tls", |c| c.access.tls = Some(tls("a"))),
         ("server.hosts", |c| c.access.hosts.push("a".to_owned())),
         ("server.cors_origins", |c| c.access.cors_origins.push("https://a".to_owned())),
+        ("server.max_requests_per_s", |c| c.access.limits.max_requests_per_s = 9.0),
+        ("server.max_connections", |c| c.access.limits.max_connections = 9),
+        ("server.max_event_streams", |c| c.access.limits.max_event_streams = 9),
         ("--insecure", |c| c.access.exposure = Exposure::Insecure),
         ("ingest.max_connections", |c| c.ingest.max_connections = 9),
         ("store.directory", |c| c.store.directory = PathBuf::from("elsewhere")),

@@ -6,6 +6,7 @@
 
 pub mod keys;
 mod log;
+mod redact;
 pub mod change;
 mod scan;
 mod raw;
@@ -19,12 +20,14 @@ mod live;
 pub use access::Access;
 pub use access::Exposure;
 pub use access::Identity;
+pub use access::Limits;
 pub use access::Tls;
 pub use access::TokenList;
 pub use ingest::Ingest;
 pub use live::Live;
 pub use live::Subscription;
 pub use log::LogLevel;
+pub use redact::redacted;
 
 use crate::capture::recording::machine as recording;
 use crate::diagnosis::rate;

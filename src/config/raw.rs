@@ -30,6 +30,9 @@ pub(super) struct Server {
     pub(super) token_file: Option<String>,
     pub(super) hosts: Names,
     pub(super) cors_origins: Names,
+    pub(super) max_requests_per_s: Option<f64>,
+    pub(super) max_connections: Option<usize>,
+    pub(super) max_event_streams: Option<usize>,
     pub(super) tls: Tls,
 }
 

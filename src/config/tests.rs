@@ -117,7 +117,7 @@ machine = "rig-2"
 speed = "fast"
 "#;
     let expected = [
-        "4:1: server.port: unknown key, allowed here: bind, token_file, hosts, cors_origins",
+        "4:1: server.port: unknown key, allowed here: bind, token_file, hosts, cors_origins, max_requests_per_s, max_connections, max_event_streams",
         "6:1: pipeline.workers: -1 is not a whole number from 0 to 256",
         "8:1: pipeline.window_seconds: \"long\" is not a number from 1 to 600",
         "9:2: alarm: unknown key, allowed here: server, server.tls, ingest, store, recording, captures, pipeline, diagnosis, alarms, log, machine, source",

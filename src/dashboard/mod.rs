@@ -41,7 +41,7 @@ const ASSETS: &[Asset] = assets![
     STYLE: "base.css" "views.css" "vendor/uPlot.min.css";
     SCRIPT: "vendor/uPlot.iife.min.js" "main.js" "shell.js" "api.js" "stream.js" "store.js" "prefs.js" "dom.js" "format.js"
         "scale.js" "plot.js" "canvas.js" "heatmap.js" "orbit.js" "sparkline.js" "lines.js" "drivetrain.js" "proof.js"
-        "fleet.js" "machine.js" "signals.js" "spectra.js" "usual.js" "pictures.js" "alarms.js" "acts.js" "captures.js" "demo.js";
+        "fleet.js" "machine.js" "signals.js" "spectra.js" "usual.js" "pictures.js" "alarms.js" "acts.js" "captures.js" "demo.js" "maintenance.js" "feedback.js";
 ];
 
 /// Gives the routes of the page.

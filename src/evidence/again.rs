@@ -56,6 +56,8 @@ pub struct Again {
     pub diagnosis: Option<Diagnosis>,
     /// What stands above its level after it.
     pub raised: String,
+    /// The verdict of then on the newest, as a document; `None`: none is kept.
+    pub then: Option<String>,
 }
 
 impl Again {
@@ -129,7 +131,8 @@ pub fn judge(file: &Path) -> Result<Option<Again>, EvidenceError> {
     }
     let (diagnosis, raised) = newest.unzip();
     let raised = raised.unwrap_or_default();
-    Ok(Some(Again { about: kept.about, windows, diagnosis, raised }))
+    let then = kept.windows.last().map(|window| window.verdict.clone());
+    Ok(Some(Again { about: kept.about, windows, diagnosis, raised, then }))
 }
 
 fn compared(window: &kept::Window, outcome: &Outcome, raised: &str) -> Compared {

@@ -24,6 +24,7 @@ fn texts(subject: &Subject) -> (&'static str, Option<&'static str>, &str) {
         Subject::Component(kind, id) => ("component", Some(kind.name()), id),
         Subject::Limit(id) => ("limit", None, id),
         Subject::Channel(name) => ("channel", None, name),
+        Subject::Machine => ("machine", None, ""),
     }
 }
 
@@ -100,6 +101,7 @@ fn one(row: &Row<'_>, now: Moment) -> Result<Advance, StoreError> {
         }
         ("limit", None) => Subject::Limit(name),
         ("channel", None) => Subject::Channel(name),
+        ("machine", None) => Subject::Machine,
         _ => return Err(StoreError::Unknown { what: "what is silent", found: sort }),
     };
     let until: Option<i64> = rows::get(row, "until_utc")?;

@@ -3,6 +3,13 @@
 //! A place is given in the commit that stores what happened, rises, and is never given again. Reading and
 //! what receivers keep go over a connection of their own, beside that of the alarms.
 
+pub use super::happened::ConfigurationChange;
+pub use super::happened::ConfigurationOutcome;
+pub use super::happened::Happened;
+pub use super::happened::LogEntry;
+pub use super::happened::MaintenanceChange;
+pub use super::happened::MaintenanceOutcome;
+
 use super::StoreError;
 use super::names;
 use super::rows;
@@ -34,75 +41,9 @@ const MAX_ALARM_EVENTS: i64 = 1_000_000;
 /// Changes of health kept in the log.
 const MAX_HEALTH_CHANGES: i64 = 100_000;
 
-/// What happened.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Happened {
-    /// Something to an alarm.
-    Alarm(Box<AlarmEvent>),
-    /// A verdict changed.
-    Health(HealthChange),
-    /// A configuration was read while the daemon ran.
-    Configuration(ConfigurationChange),
-}
-
-/// What became of a configuration that was read while the daemon ran.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigurationChange {
-    /// The machine it concerns; `None`: the daemon as a whole.
-    pub machine: Option<String>,
-    /// What.
-    pub outcome: ConfigurationOutcome,
-    /// Hash of the configuration that holds after it.
-    pub hash: String,
-    /// What has changed, or why it was refused.
-    pub text: String,
-}
-
-/// What may become of a configuration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ConfigurationOutcome {
-    /// It holds.
-    Applied,
-    /// It was refused; that of before holds.
-    Rejected,
-    /// A machine is measured anew for it.
-    Rebuilt,
-}
-
-impl ConfigurationOutcome {
-    /// Every one.
-    pub const ALL: [Self; 3] = [Self::Applied, Self::Rejected, Self::Rebuilt];
-
-    /// Name in documents.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Applied => "config_applied",
-            Self::Rejected => "config_rejected",
-            Self::Rebuilt => "machine_rebuilt",
-        }
-    }
-}
-
-/// What stands as the kind of such an entry.
+/// What stands as the kind of an entry that is neither of an alarm nor of health.
 const CONFIGURATION: &str = "configuration";
-
-/// An entry of the log. Its stream times count from `start`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LogEntry {
-    /// Its place.
-    pub place: u64,
-    /// Machine id; empty: it concerns the daemon as a whole.
-    pub machine: String,
-    /// When it was stored, UTC.
-    pub recorded: Timestamp,
-    /// UTC of stream time 0; `None`: unknown.
-    pub start: Option<Timestamp>,
-    /// Since when the store refuses, if it could not be stored yet; its place is 0 then.
-    pub refused_since: Option<Timestamp>,
-    /// What happened.
-    pub what: Happened,
-}
+const MAINTENANCE: &str = "maintenance";
 
 /// Which places the log has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -245,6 +186,42 @@ pub(super) fn write_configuration(
     Ok(())
 }
 
+/// Stores what became of the maintenance of a machine.
+pub(super) fn write_maintenance(
+    transaction: &Transaction<'_>,
+    (machine, recorded): (&str, Timestamp),
+    changes: &[MaintenanceChange],
+) -> rusqlite::Result<()> {
+    let mut insert = transaction.prepare_cached(
+        "INSERT INTO event (machine, recorded_utc, kind, state, author, why, until_utc)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+    )?;
+    for change in changes {
+        let (outcome, until) = (change.outcome.name(), change.until.map(|until| until.0));
+        let (author, reason) = (&change.author, &change.reason);
+        insert.execute(params![
+            machine,
+            recorded.0,
+            MAINTENANCE,
+            outcome,
+            author,
+            reason,
+            until
+        ])?;
+    }
+    Ok(())
+}
+
+fn maintenance(row: &Row<'_>) -> Result<MaintenanceChange, StoreError> {
+    let named = |text: &str| MaintenanceOutcome::ALL.into_iter().find(|one| one.name() == text);
+    Ok(MaintenanceChange {
+        outcome: rows::known("outcome", rows::get(row, "state")?, named)?,
+        author: rows::get(row, "author")?,
+        reason: rows::get(row, "why")?,
+        until: rows::get::<Option<i64>>(row, "until_utc")?.map(Timestamp),
+    })
+}
+
 fn configuration(row: &Row<'_>) -> Result<ConfigurationChange, StoreError> {
     let named = |text: &str| ConfigurationOutcome::ALL.into_iter().find(|one| one.name() == text);
     let machine: String = rows::get(row, "machine")?;
@@ -351,13 +328,14 @@ fn entry(connection: &Connection, row: &Row<'_>) -> Result<Option<LogEntry>, Sto
             Some((event, start)) => (Happened::Alarm(Box::new(event)), start),
             None => return Ok(None),
         },
-        None if rows::get::<Option<String>>(row, "kind")?.as_deref() == Some(CONFIGURATION) => {
-            (Happened::Configuration(configuration(row)?), None)
-        }
-        None => {
-            let start = rows::get::<Option<i64>>(row, "start_utc")?.map(Timestamp);
-            (Happened::Health(change(row)?), start)
-        }
+        None => match rows::get::<Option<String>>(row, "kind")?.as_deref() {
+            Some(CONFIGURATION) => (Happened::Configuration(configuration(row)?), None),
+            Some(MAINTENANCE) => (Happened::Maintenance(maintenance(row)?), None),
+            _ => {
+                let start = rows::get::<Option<i64>>(row, "start_utc")?.map(Timestamp);
+                (Happened::Health(change(row)?), start)
+            }
+        },
     };
     let place = rows::count(rows::get(row, "place")?);
     let recorded = Timestamp(rows::get(row, "recorded_utc")?);

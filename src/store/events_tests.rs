@@ -77,7 +77,7 @@ fn a_transition_that_is_stored_again_has_no_second_place() {
         .iter()
         .map(|entry| match &entry.what {
             Happened::Alarm(event) => event.sequence,
-            Happened::Health(_) | Happened::Configuration(_) => 0,
+            Happened::Health(_) | Happened::Configuration(_) | Happened::Maintenance(_) => 0,
         })
         .collect();
     assert_eq!(sequences, [1, 2]);
@@ -120,7 +120,7 @@ fn an_older_database_brings_its_history_into_the_log() {
         .execute_batch(
             "DROP TABLE event; DROP TABLE event_log; DROP TABLE health; DROP TABLE receiver;
              DROP TABLE capture; DROP TABLE alarm_capture; DROP TABLE decision;
-             DROP TABLE advance; DROP TABLE advance_last; ALTER TABLE baseline DROP COLUMN described;
+             DROP TABLE advance; DROP TABLE advance_last; DROP TABLE feedback; ALTER TABLE baseline DROP COLUMN described;
              PRAGMA user_version = 3;",
         )
         .unwrap();
@@ -130,6 +130,27 @@ fn an_older_database_brings_its_history_into_the_log() {
     assert_eq!(places(&events.after(0, 100).unwrap()), [1, 2]);
     assert_eq!(events.begin("room").unwrap().settled_until, 2, "nobody is told of old alarms");
     drop(store);
+}
+
+#[test]
+fn maintenance_is_told_with_who_why_and_until_when() {
+    let (_dir, mut store, events) = opened();
+    let change = |outcome, until| MaintenanceChange {
+        outcome,
+        author: "M. Ito".to_owned(),
+        reason: "new belt".to_owned(),
+        until,
+    };
+    let told = [
+        change(MaintenanceOutcome::Began, Some(Timestamp(7))),
+        change(MaintenanceOutcome::Ended, None),
+        change(MaintenanceOutcome::Over, Some(Timestamp(9))),
+    ];
+    store.keep(&[Batch { maintenance: told.to_vec(), ..batch(Vec::new()) }]).unwrap();
+    let found = events.after(0, 10).unwrap();
+    assert!(found.iter().all(|entry| entry.machine == "rig-1"));
+    let found: Vec<Happened> = found.into_iter().map(|entry| entry.what).collect();
+    assert_eq!(found, told.map(Happened::Maintenance));
 }
 
 #[test]

@@ -8,8 +8,11 @@ mod advance;
 pub mod audit;
 mod baselines;
 mod decisions;
+mod happened;
 pub mod events;
 pub mod captures;
+pub mod backup;
+pub mod feedback;
 mod keep;
 mod names;
 mod rows;
@@ -33,6 +36,7 @@ use crate::diagnosis::baseline::signed::Signed;
 use crate::notify::HealthChange;
 use crate::signal::Timestamp;
 use events::ConfigurationChange;
+use events::MaintenanceChange;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -72,6 +76,8 @@ pub struct Batch {
     pub advance: Option<(Vec<Advance>, u64)>,
     /// What was done beside alarms, by whom: lines of the audit.
     pub acts: Vec<(&'static str, Signature)>,
+    /// What became of the maintenance of the machine.
+    pub maintenance: Vec<MaintenanceChange>,
     /// What became of a configuration.
     pub configuration: Vec<ConfigurationChange>,
     /// The configuration that holds from now on.
@@ -93,6 +99,7 @@ impl Batch {
             decisions: None,
             advance: None,
             acts: Vec::new(),
+            maintenance: Vec::new(),
             configuration: Vec::new(),
             holds: None,
         }
@@ -101,7 +108,7 @@ impl Batch {
     /// Things that happened.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.events.len() + self.health.len() + self.configuration.len()
+        self.events.len() + self.health.len() + self.maintenance.len() + self.configuration.len()
     }
 
     /// Whether nothing happened.
@@ -311,6 +318,16 @@ pub enum StoreError {
     InUse {
         /// The lock.
         file: PathBuf,
+    },
+    /// Part of it may be missing.
+    #[error(
+        "a restore into {} was cut off: restore it again with --force; what was there before is in a folder \
+         before-restore-… in it",
+        directory.display()
+    )]
+    Unfinished {
+        /// The folder.
+        directory: PathBuf,
     },
     /// A daemon of another version has it.
     #[error(

@@ -106,6 +106,16 @@ const MIGRATIONS: &[&str] = &[
      CREATE TABLE advance_last (machine TEXT PRIMARY KEY, number INTEGER NOT NULL) WITHOUT ROWID;",
     // 9: the machine file with which a baseline was used last; null: not used since it was learned or activated.
     "ALTER TABLE baseline ADD COLUMN described TEXT;",
+    // 10: the log of events tells of maintenance, of kind 'maintenance', with its author and its end; a silence in
+    // advance may be of sort 'machine'; and what people found of a verdict, with the verdict as it was then.
+    "ALTER TABLE event ADD COLUMN author TEXT;
+     ALTER TABLE event ADD COLUMN until_utc INTEGER;
+     CREATE TABLE feedback (
+        id INTEGER PRIMARY KEY AUTOINCREMENT, machine TEXT NOT NULL, recorded_utc INTEGER NOT NULL,
+        author TEXT NOT NULL, outcome TEXT NOT NULL, kind TEXT NOT NULL, component TEXT NOT NULL, found TEXT,
+        note TEXT NOT NULL, state TEXT NOT NULL, fault TEXT, severity REAL, confidence REAL, why TEXT NOT NULL,
+        judged_utc INTEGER, judged_by TEXT NOT NULL);
+     CREATE INDEX feedback_of_machine ON feedback (machine, id);",
 ];
 
 /// The newest schema.

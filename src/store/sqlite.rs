@@ -12,6 +12,7 @@ use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
 use super::advance;
+use super::backup;
 use super::decisions;
 use super::events;
 use super::rows;
@@ -45,7 +46,7 @@ use std::time::Duration;
 pub const FILE: &str = "state.db";
 
 /// Name of the lock beside it.
-const LOCK: &str = "state.lock";
+pub(super) const LOCK: &str = "state.lock";
 
 /// Transitions kept; older ones give way. About 0.25 GB.
 const MAX_TRANSITIONS: i64 = 1_000_000;
@@ -54,7 +55,7 @@ const MAX_TRANSITIONS: i64 = 1_000_000;
 const LOOK_EVERY: u64 = 1000;
 
 /// How long a connection waits for the other.
-const BUSY: Duration = Duration::from_secs(5);
+pub(super) const BUSY: Duration = Duration::from_secs(5);
 
 /// The writing connection.
 #[derive(Debug)]
@@ -108,8 +109,8 @@ pub fn read_only(directory: &Path) -> Result<Option<SqliteArchive>, StoreError> 
     Ok(Some(SqliteArchive { connection: Mutex::new(reading) }))
 }
 
-/// Opens the database in `directory` for writing as its only process, and brings it up to date.
-pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> {
+/// Takes the lock of the store in `directory`, and makes the folder where it is missing.
+pub(super) fn lock(directory: &Path) -> Result<File, StoreError> {
     let refused = |source| StoreError::Folder { directory: directory.to_owned(), source };
     fs::create_dir_all(directory).map_err(refused)?;
     let lock_file = directory.join(LOCK);
@@ -118,6 +119,15 @@ pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> 
         TryLockError::WouldBlock => StoreError::InUse { file: lock_file },
         TryLockError::Error(source) => refused(source),
     })?;
+    Ok(lock)
+}
+
+/// Opens the database in `directory` for writing as its only process, and brings it up to date.
+pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> {
+    let lock = lock(directory)?;
+    if backup::is_unfinished(directory) {
+        return Err(StoreError::Unfinished { directory: directory.to_owned() });
+    }
     let file = directory.join(FILE);
     let connection = writing(&file).map_err(|error| with_place(error, &file))?;
     Ok((connection, lock))
@@ -164,7 +174,7 @@ fn reading(file: &Path) -> Result<Connection, StoreError> {
 }
 
 /// Refuses a database of another program and one that is damaged.
-fn check(connection: &Connection, file: &Path) -> Result<(), StoreError> {
+pub(super) fn check(connection: &Connection, file: &Path) -> Result<(), StoreError> {
     let reading = |source| failed("checking the store", source);
     let id: u32 =
         connection.query_row("PRAGMA application_id", (), |row| row.get(0)).map_err(reading)?;
@@ -185,7 +195,7 @@ fn corrupt(file: &Path, found: String) -> StoreError {
 }
 
 /// An error of the database says what was damaged, but not where.
-fn with_place(error: StoreError, file: &Path) -> StoreError {
+pub(super) fn with_place(error: StoreError, file: &Path) -> StoreError {
     if let StoreError::Database { source, .. } = &error
         && let Some(rusqlite::Error::SqliteFailure(code, _)) = source.downcast_ref()
         && matches!(code.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)
@@ -222,11 +232,12 @@ impl SqliteStore {
             n_new += write_events(&transaction, batch)?;
             let of = (batch.machine.as_str(), batch.stream.start, batch.now.utc);
             events::write_health(&transaction, of, &batch.health)?;
+            events::write_maintenance(&transaction, (of.0, of.2), &batch.maintenance)?;
             events::write_configuration(&transaction, batch.now.utc, &batch.configuration)?;
             if let Some(entry) = &batch.holds {
                 write_holds(&transaction, entry)?;
             }
-            n_new += (batch.health.len() + batch.configuration.len()) as u64;
+            n_new += (batch.len() - batch.events.len()) as u64;
             if batch.machine.is_empty() {
                 continue;
             }

@@ -84,10 +84,12 @@ pub struct AlarmLoadMetrics {
     pub chattering: Gauge,
     /// Alarms that are stale.
     pub stale: Gauge,
+    /// 1 while the machine is maintained.
+    pub in_maintenance: Gauge,
 }
 
 /// How the store of alarms is doing.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct StoreMetrics {
     /// Events stored.
     pub stored: Counter,
@@ -97,10 +99,20 @@ pub struct StoreMetrics {
     pub waiting: Gauge,
     /// 1 while it refuses.
     pub failing: Gauge,
+    /// Time of a commit, s.
+    pub commit_s: Histogram,
+}
+
+impl Default for StoreMetrics {
+    fn default() -> Self {
+        let [stored, lost] = [Counter::default(), Counter::default()];
+        let [waiting, failing] = [Gauge::default(), Gauge::default()];
+        Self { stored, lost, waiting, failing, commit_s: Histogram::new([]) }
+    }
 }
 
 /// How a receiver of notifications is doing.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct ReceiverMetrics {
     /// Transitions that it took.
     pub delivered: Counter,
@@ -112,6 +124,8 @@ pub struct ReceiverMetrics {
     pub waiting: Gauge,
     /// 1 while nothing gets through.
     pub failing: Gauge,
+    /// From the storing of a transition to its being taken, s.
+    pub after_s: Histogram,
 }
 
 /// Streams of events over HTTP.

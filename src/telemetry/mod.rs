@@ -8,12 +8,14 @@ mod configuration;
 mod labels;
 mod log;
 mod meters;
+mod stages;
 
 pub use access::AccessMetrics;
 pub use configuration::ConfigurationMetrics;
 pub use log::LOG_VARIABLE;
 pub use log::LogError;
 pub use log::LogFormat;
+pub use log::newest_log_lines;
 pub use log::set_log_level;
 pub use log::start_log;
 pub use meters::AlarmLoadMetrics;
@@ -28,6 +30,9 @@ pub use meters::SimulationMetrics;
 pub use meters::StoreMetrics;
 pub use meters::StreamMetrics;
 pub use meters::TrendMetrics;
+pub use stages::ComponentMetrics;
+pub use stages::HttpMetrics;
+pub use stages::ShardMetrics;
 
 use labels::AlarmLabels;
 use labels::ChannelLabels;
@@ -43,6 +48,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
+use stages::StageMetrics;
 use std::fmt;
 use std::sync::atomic::AtomicU64;
 
@@ -74,6 +80,7 @@ pub struct Metrics {
     simulation_given_up: Family<MachineLabels, Gauge<f64, AtomicU64>>,
     alarms: Family<AlarmLabels, Gauge>,
     alarm_load: Family<AlarmLabels, Gauge>,
+    in_maintenance: Family<MachineLabels, Gauge>,
     store: StoreMetrics,
     notifications: Family<NotificationLabels, Counter>,
     notifications_waiting: Family<ReceiverLabels, Gauge>,
@@ -87,6 +94,7 @@ pub struct Metrics {
     clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
     configuration: ConfigurationMetrics,
     access: AccessMetrics,
+    stages: StageMetrics,
 }
 
 impl fmt::Debug for Metrics {
@@ -130,6 +138,7 @@ impl Metrics {
             simulation_given_up: Family::default(),
             alarms: Family::default(),
             alarm_load: Family::default(),
+            in_maintenance: Family::default(),
             store: StoreMetrics::default(),
             notifications: Family::default(),
             notifications_waiting: Family::default(),
@@ -143,6 +152,7 @@ impl Metrics {
             clock_drift: Family::default(),
             configuration: ConfigurationMetrics::default(),
             access: AccessMetrics::default(),
+            stages: StageMetrics::default(),
         };
         let m = &metrics;
         registry.register("samples_received", "Samples received and kept", m.received.clone());
@@ -216,6 +226,8 @@ impl Metrics {
             "What the alarms ask of an operator, in counts",
             self.alarm_load.clone(),
         );
+        let text = "Whether the machine is maintained, its alarms out of service";
+        registry.register("machine_in_maintenance", text, self.in_maintenance.clone());
         registry.register("store_events", "Alarm events stored", store.stored.clone());
         registry.register(
             "store_events_lost",
@@ -228,6 +240,7 @@ impl Metrics {
             store.waiting.clone(),
         );
         registry.register("store_failing", "Whether the store refuses", store.failing.clone());
+        self.stages.register(registry);
         self.register_trends(registry);
     }
 
@@ -371,6 +384,7 @@ impl Metrics {
             given_up: became("given_up"),
             waiting: self.notifications_waiting.get_or_create_owned(&labels),
             failing: self.receiver_failing.get_or_create_owned(&labels),
+            after_s: self.notified_after_s(&labels),
         }
     }
 
@@ -421,13 +435,16 @@ impl Metrics {
             flood: load("flood"),
             chattering: load("chattering"),
             stale: load("stale"),
+            in_maintenance: self
+                .in_maintenance
+                .get_or_create_owned(&MachineLabels { machine: machine.to_owned() }),
         }
     }
 
     /// How the store of alarms is doing.
     #[must_use]
     pub fn store(&self) -> StoreMetrics {
-        self.store.clone()
+        StoreMetrics { commit_s: self.commit_s(), ..self.store.clone() }
     }
 
     /// How the store of trends is doing.
@@ -458,12 +475,6 @@ impl Metrics {
             alarm_transitions: self.alarm_transitions.get_or_create_owned(&labels),
             verdict_latency_s: self.verdict_latency_s.get_or_create_owned(&labels),
         }
-    }
-
-    /// Bytes waiting for a shard.
-    #[must_use]
-    pub fn queue_bytes(&self, shard: u64) -> Gauge {
-        self.queue_bytes.get_or_create_owned(&ShardLabels { shard })
     }
 
     /// Writes all metrics as OpenMetrics 1.0 text.

@@ -18,7 +18,7 @@ use ureq::tls::RootCerts;
 use ureq::tls::TlsConfig;
 
 /// Two machines, each with a short replay.
-const MACHINES: &str = r#"
+pub(crate) const MACHINES: &str = r#"
 [[machine]]
 file = "rig.toml"
 [[source]]
@@ -36,7 +36,7 @@ speed = "max"
 "#;
 
 /// Somebody who asks a daemon.
-struct Client {
+pub(crate) struct Client {
     agent: Agent,
     base_url: String,
     token: Option<String>,
@@ -44,7 +44,7 @@ struct Client {
 
 impl Client {
     /// Trusts `ca` (PEM) alone, if it is given.
-    fn new(daemon: &Daemon, token: Option<&str>, ca: Option<&str>) -> Self {
+    pub(crate) fn new(daemon: &Daemon, token: Option<&str>, ca: Option<&str>) -> Self {
         let mut config = Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(30)));
@@ -69,7 +69,7 @@ impl Client {
         }
     }
 
-    fn get(&self, path: &str) -> (u16, Value) {
+    pub(crate) fn get(&self, path: &str) -> (u16, Value) {
         let mut response = self.signed(self.agent.get(self.url(path))).call().unwrap();
         let text = response.body_mut().read_to_string().unwrap();
         let document = serde_json::from_str(&text).unwrap_or(Value::String(text));
@@ -95,7 +95,7 @@ impl Client {
     }
 }
 
-fn folder(server: &str, machines: &str) -> TempDir {
+pub(crate) fn folder(server: &str, machines: &str) -> TempDir {
     let config = format!("[server]\nbind = \"127.0.0.1:0\"\n{server}\n{machines}");
     let other = MACHINE.replace("rig-1", "rig-2");
     let files = [("rig.toml", MACHINE.as_bytes()), ("other.toml", other.as_bytes())];
@@ -105,7 +105,7 @@ fn folder(server: &str, machines: &str) -> TempDir {
 }
 
 /// Makes a token with the built program; gives its secret.
-fn create(dir: &Path, arguments: &[&str]) -> String {
+pub(crate) fn create(dir: &Path, arguments: &[&str]) -> String {
     let mut command = support::command();
     command.args(["token", "create", "--config"]).arg(dir.join("serve.toml")).args(arguments);
     let ended = support::run(&mut command);
@@ -243,13 +243,13 @@ fn what_others_can_reach_needs_tokens_or_the_word_insecure() {
 }
 
 /// A certificate for this computer, with its key, as PEM.
-fn certificate() -> (String, String) {
+pub(crate) fn certificate() -> (String, String) {
     let names = vec!["127.0.0.1".to_owned(), "localhost".to_owned()];
     let made = rcgen::generate_simple_self_signed(names).unwrap();
     (made.cert.pem(), made.signing_key.serialize_pem())
 }
 
-fn put(dir: &Path, (cert, key): &(String, String)) {
+pub(crate) fn put(dir: &Path, (cert, key): &(String, String)) {
     for (name, text) in [("key.pem", key), ("cert.pem", cert)] {
         // As a tool that renews certificates does: whole files take the place of others.
         fs::write(dir.join("new"), text).unwrap();
@@ -384,4 +384,23 @@ fn a_capture_is_streamed_encrypted_by_who_may() {
     for secret in secrets {
         assert!(!ended.stderr.contains(secret.trim()), "{}", ended.stderr);
     }
+}
+
+#[test]
+fn a_token_that_asks_too_often_is_told_when_to_come_again_and_counted() {
+    let dir = folder("token_file = \"tokens.toml\"\nmax_requests_per_s = 1", "");
+    let secret = create(dir.path(), &["--role", "viewer", "--label", "wall"]);
+    let other = create(dir.path(), &["--role", "viewer", "--label", "desk"]);
+    let daemon = Daemon::start_in(dir);
+    let client = Client::new(&daemon, Some(&secret), None);
+    let told = (0..20).map(|_| client.get("/api/v1/machines")).find(|(status, _)| *status == 429);
+    let (_, problem) = told.unwrap();
+    assert_eq!(problem["type"], "urn:rotorwatch:problem:too-many-requests");
+    assert!(problem["detail"].as_str().unwrap().contains("server.max_requests_per_s"), "{problem}");
+    let other = Client::new(&daemon, Some(&other), None);
+    assert!(other.metric("rotorwatch_access_denied_total{reason=\"too_fast\"}") >= 1);
+    assert_eq!(other.metric("rotorwatch_capacity{what=\"event_streams\"}"), 256);
+    let answers =
+        "rotorwatch_http_answers_total{method=\"GET\",route=\"/api/v1/machines\",status=\"429\"}";
+    assert!(other.metric(answers) >= 1);
 }

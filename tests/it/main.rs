@@ -5,6 +5,7 @@
 
 mod support;
 mod access;
+mod secrets;
 mod tools;
 mod scene;
 mod impulses;
@@ -23,6 +24,7 @@ mod notify;
 mod event_stream;
 mod reload;
 mod silences;
+mod maintenance;
 mod foreign;
 mod rubbish;
 mod recordings;
@@ -36,6 +38,7 @@ mod captures;
 mod baseline;
 mod browser;
 mod page;
+mod page_acts;
 mod pictures;
 mod diagnose;
 mod evaluate;
@@ -45,3 +48,4 @@ mod demo;
 mod simulated;
 mod combinations;
 mod bench;
+mod load;

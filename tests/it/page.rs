@@ -203,7 +203,7 @@ fn every_view_passes_the_accessibility_check_in_light_and_dark() {
 }
 
 /// A daemon that has judged a bearing with a damaged inner race.
-fn damaged_bearing() -> Daemon {
+pub(crate) fn damaged_bearing() -> Daemon {
     let config = "[server]\nbind = \"127.0.0.1:0\"\n[[machine]]\nfile = \"rig.toml\"\n[[source]]\n\
          kind = \"replay\"\nmachine = \"rig-1\"\nfile = \"x.h5\"\nspeed = \"max\"\n";
     let dir = support::folder(config, &[("rig.toml", scene::MACHINE.as_bytes())]);

@@ -99,3 +99,29 @@ fn schemathesis_finds_no_fault_of_the_daemon_and_no_answer_beside_the_document()
     assert!(ran.status.success(), "{}{}", ran.stdout, ran.stderr);
     assert_eq!(daemon.terminate().status.code(), Some(0));
 }
+
+#[test]
+#[ignore = "needs systemd-analyze, of Debian's package systemd"]
+fn systemd_takes_the_unit_and_finds_it_hardened() {
+    let name = "systemd_takes_the_unit_and_finds_it_hardened";
+    if !is_there(name, "systemd-analyze", "apt-get install systemd") {
+        return;
+    }
+    let dir = tempfile::TempDir::new().unwrap();
+    let unit = dir.path().join("rotorwatch.service");
+    let text = std::fs::read_to_string("deploy/rotorwatch.service").unwrap();
+    // The program is looked for where it would be installed.
+    let text = text.replace("/usr/local/bin/rotorwatch", env!("CARGO_BIN_EXE_rotorwatch"));
+    std::fs::write(&unit, text).unwrap();
+    let analyze = |arguments: &[&str]| {
+        let mut command = Command::new("systemd-analyze");
+        command.args(arguments).arg(&unit).stdout(Stdio::piped()).stderr(Stdio::piped());
+        support::run(&mut command)
+    };
+    let verified = analyze(&["verify", "--man=no"]);
+    assert!(verified.status.success(), "{}", verified.stderr);
+    assert_eq!(verified.stderr.trim(), "");
+    // Exposure of 10 is a unit without any guard; 2 and below is called well protected.
+    let secured = analyze(&["security", "--offline=true", "--threshold=20"]);
+    assert!(secured.status.success(), "{}", secured.stdout);
+}

@@ -158,6 +158,7 @@ async fn the_exceptions_are_these() {
     assert_eq!(
         of(Role::Admin),
         [
+            "GET /api/v1/log",
             "POST /api/v1/machines/rig-1/baselines",
             "DELETE /api/v1/machines/rig-1/baselines/rig-1",
             "POST /api/v1/machines/rig-1/baselines/rig-1/activate",

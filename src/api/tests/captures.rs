@@ -46,7 +46,8 @@ pub(in crate::api) fn handle(folder: &Path) -> CaptureHandle {
     let root = folder.join("captures");
     fs::create_dir_all(root.join("rig-1")).unwrap();
     fs::write(root.join("rig-1").join(format!("{ID}.h5")), "123456789").unwrap();
-    CaptureHandle { index: Arc::new(index), root }
+    let judge = Arc::new(|_: &Path| Err("no window is kept".to_owned()));
+    CaptureHandle { index: Arc::new(index), root, judge }
 }
 
 #[tokio::test]
@@ -96,4 +97,20 @@ async fn what_cannot_be_given_or_asked_for_is_told() {
     assert_eq!(off.get("/api/v1/captures").await.status.as_u16(), 404);
     let alarm = off.get("/api/v1/alarms/rig-1:1").await.json();
     assert!(alarm["capture"]["none_because"].as_str().unwrap().contains("captures.enabled"));
+}
+
+#[tokio::test]
+async fn a_capture_is_judged_again_or_refused_with_the_reason() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let service = Service::new().with_captures(handle(folder.path()));
+    for (id, status, words) in [
+        (ID, 409, "cannot be judged: no window is kept"),
+        ("rig-1-00000002", 409, "being written"),
+        ("rig-1-00000003", 404, "removed: as noted"),
+        ("rig-1-00000009", 404, "no capture"),
+    ] {
+        let path = format!("/api/v1/captures/{id}/diagnosis");
+        let told = service.post(&path, "").await.problem(status);
+        assert!(told.contains(words), "{id}: {told}");
+    }
 }

@@ -3,8 +3,11 @@
 use crate::api::openapi_text;
 use crate::api::support::{Service, golden};
 use crate::api::tests::{baselines, captures, events, recordings, trends};
+use crate::api::view::FeedbackHandle;
 use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
+use crate::signal::Timestamp;
+use crate::store::feedback::SqliteFeedback;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -137,6 +140,9 @@ async fn every_described_path_is_served() {
     let service = recordings::kept(trends::stored(service, folder.path()), folder.path());
     // A stream of events ends with its store.
     let service = service.with_events(events::handle(folder.path()).0);
+    let store = Arc::new(SqliteFeedback::join(folder.path()).unwrap());
+    let wall_clock = || Timestamp(0);
+    let service = service.with_feedback(FeedbackHandle { store, wall_clock });
     let body = serde_json::json!({ "author": "a", "windows": 12 });
     let learned = baselines::learn(&service, &body).await;
     let doc = service.get("/api/v1/openapi.json").await.json();
@@ -166,7 +172,7 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 43);
+    assert_eq!(n_paths, 47);
 }
 
 #[test]

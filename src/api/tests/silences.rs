@@ -42,7 +42,7 @@ async fn what_is_asked_for_badly_is_refused() {
         (json!({ "silence": "acknowledged" }), "silence must be"),
         (json!({ "channel": "right_x" }), "say one of"),
         (json!({ "component": null }), "say one of"),
-        (json!({ "for_s": 0.0 }), "for_s must be above 0"),
+        (json!({ "for_s": 0.0 }), "later than now"),
         (json!({ "author": "" }), "must not be empty"),
         (json!({ "extra": 1 }), "unknown field `extra`"),
     ] {

@@ -17,6 +17,10 @@ async fn a_scenario_is_shown_and_changed() {
     let body = r#"{ "machine": "rig-1", "scenario": "GG_GS_BB", "grow_s": 3 }"#;
     let changed = service.post(PATH, body).await.json();
     assert_eq!((&changed["scenario"], &changed["grown_at_s"]), (&"GG_GS_BB".into(), &15.0.into()));
+    let turned = service.post(PATH, r#"{ "shaft_speed_hz": 15 }"#).await.json();
+    assert_eq!(turned["shaft_speed_hz"], 15.0);
+    let fast = service.post(PATH, r#"{ "shaft_speed_hz": 61 }"#).await.problem(400);
+    assert!(fast.contains("allowed: 1 to 60"), "{fast}");
 }
 
 #[tokio::test]

@@ -1,7 +1,9 @@
 //! Captures as JSON.
 
 use super::alarms::alarm_id;
+use super::diagnosis::DiagnosisDocument;
 use super::{finite, rfc3339};
+use crate::api::view::JudgedAgain;
 use crate::store::captures::{CaptureEntry, CaptureLink};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -73,6 +75,24 @@ pub struct CaptureBody {
     pub after_s: Option<f64>,
 }
 
+/// A capture that was judged again, beside the verdict of then.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct JudgedAgainWire {
+    /// Its id.
+    pub capture: String,
+    /// The verdict on all of it, as it is found now: by the machine and the baseline that it keeps.
+    pub diagnosis: DiagnosisDocument,
+    /// The verdict of then on the newest window it keeps, as `diagnosis`; null: it keeps none.
+    #[schema(value_type = Option<Object>)]
+    pub then: Option<serde_json::Value>,
+    /// Windows it keeps to be judged again bit by bit.
+    pub windows: usize,
+    /// Those of them of which features, verdict and levels are the same now, bit by bit.
+    pub equal: usize,
+    /// Why bits may differ: another program or processor made the capture; null: neither.
+    pub made_elsewhere: Option<String>,
+}
+
 /// A capture that is being made.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
 pub struct CaptureBegunWire {
@@ -112,6 +132,21 @@ impl CaptureWire {
             note: entry.note.clone(),
             bytes: entry.bytes,
             windows: entry.n_windows,
+        }
+    }
+}
+
+impl JudgedAgainWire {
+    /// Makes the JSON of a capture judged again.
+    #[must_use]
+    pub fn new(id: &str, again: &JudgedAgain) -> Self {
+        Self {
+            capture: id.to_owned(),
+            diagnosis: DiagnosisDocument::new(&again.diagnosis, Some(id)),
+            then: again.then.as_deref().and_then(|then| serde_json::from_str(then).ok()),
+            windows: again.windows.0,
+            equal: again.windows.1,
+            made_elsewhere: again.made_elsewhere.clone(),
         }
     }
 }

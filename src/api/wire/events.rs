@@ -86,6 +86,25 @@ pub struct ConfigurationChangeWire {
     pub why: String,
 }
 
+/// What became of the maintenance of a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct MaintenanceChangeWire {
+    /// Its place among everything that happened; rises.
+    pub place: u64,
+    /// `maintenance_began`, `maintenance_ended` (somebody ended it) or `maintenance_over` (its time is over).
+    pub event: String,
+    /// Machine id.
+    pub machine: String,
+    /// When it was stored, wall clock.
+    pub recorded_at: String,
+    /// Who said it.
+    pub author: String,
+    /// Why.
+    pub reason: String,
+    /// When it ends, or was to end.
+    pub until: Option<String>,
+}
+
 /// Where a stream of events begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
 pub struct PlaceWire {
@@ -129,6 +148,8 @@ pub enum HappenedWire {
     Health(Box<HealthChangeWire>),
     /// A configuration.
     Configuration(Box<ConfigurationChangeWire>),
+    /// A maintenance.
+    Maintenance(Box<MaintenanceChangeWire>),
 }
 
 impl HappenedWire {
@@ -152,6 +173,15 @@ impl HappenedWire {
                     why: change.text.clone(),
                 }))
             }
+            Happened::Maintenance(change) => Self::Maintenance(Box::new(MaintenanceChangeWire {
+                place: entry.place,
+                event: change.outcome.name().to_owned(),
+                machine: entry.machine.clone(),
+                recorded_at: utc(entry.recorded),
+                author: change.author.clone(),
+                reason: change.reason.clone(),
+                until: change.until.map(utc),
+            })),
         }
     }
 
@@ -162,6 +192,7 @@ impl HappenedWire {
             Self::Alarm(_) => "alarm",
             Self::Health(_) => "health",
             Self::Configuration(_) => "configuration",
+            Self::Maintenance(_) => "maintenance",
         }
     }
 
@@ -174,6 +205,7 @@ impl HappenedWire {
             Self::Alarm(message) => serde_json::to_string(message),
             Self::Health(change) => serde_json::to_string(change),
             Self::Configuration(change) => serde_json::to_string(change),
+            Self::Maintenance(change) => serde_json::to_string(change),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Machines, their description and their health as JSON.
 
 use super::diagnosis::CoverageWire;
+use super::maintenance::MaintenanceWire;
 use super::names::{DataQualityName, FaultName, KindName, OperatingStateName, StateName};
 use super::{finite, finite_column, rfc3339};
 use crate::api::view::{MachineView, SourceState};
@@ -48,6 +49,8 @@ pub struct MachineItemWire {
     pub since: Option<String>,
     /// Why the source failed.
     pub reason: Option<String>,
+    /// That it is maintained: its alarms are out of service; null: it is not.
+    pub maintenance: Option<MaintenanceWire>,
     /// The components, if asked for; empty before the first verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub components: Option<Vec<ComponentHealthWire>>,
@@ -66,6 +69,8 @@ pub struct MachineWire {
     pub power_kw: Option<f64>,
     /// State of the whole; undetermined before the first verdict.
     pub state: StateName,
+    /// That it is maintained: its alarms are out of service; null: it is not.
+    pub maintenance: Option<MaintenanceWire>,
     /// Shafts; speeds refer to the first.
     pub shafts: Vec<ShaftWire>,
     /// Rolling bearings.
@@ -207,6 +212,8 @@ pub struct HealthWire {
     pub since: Option<String>,
     /// Whether it runs.
     pub operating_state: OperatingStateName,
+    /// That it is maintained: its alarms are out of service; null: it is not.
+    pub maintenance: Option<MaintenanceWire>,
     /// Components; empty before the first verdict.
     pub components: Vec<ComponentHealthWire>,
     /// The data behind it.
@@ -316,6 +323,7 @@ impl MachineItemWire {
             data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
             since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
             reason: reason.map(str::to_owned),
+            maintenance: MaintenanceWire::of(view),
             components: None,
         }
     }
@@ -344,6 +352,7 @@ impl MachineWire {
             iso_group: m.iso_group.map(|group| iso_group_text(group).to_owned()),
             power_kw: m.power_kw.and_then(finite),
             state: whole(view).0,
+            maintenance: MaintenanceWire::of(view),
             shafts: m.shafts.iter().map(ShaftWire::new).collect(),
             bearings: m.bearings.iter().map(|bearing| BearingWire::new(bearing, m)).collect(),
             gears: m
@@ -468,6 +477,7 @@ impl HealthWire {
             state,
             since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
             operating_state,
+            maintenance: MaintenanceWire::of(view),
             components: component_healths(view),
             data: HealthDataWire {
                 coverage: diagnosis.map_or(

@@ -9,13 +9,16 @@ pub mod diagnosis;
 pub mod evidence;
 pub mod evaluation;
 pub mod bearings;
+pub mod maintenance;
 pub mod machines;
 pub mod signals;
 pub mod orbit;
 pub mod alarms;
 pub mod audit;
 pub mod events;
+pub mod backup;
 pub mod captures;
+pub mod feedback;
 pub mod baselines;
 pub mod problem;
 pub mod recordings;
@@ -48,6 +51,13 @@ pub fn rfc3339(start: Option<Timestamp>, stream_time_s: f64) -> String {
     let time = start.unwrap_or_default().plus_seconds(stream_time_s);
     // Every i64 of nanoseconds lies inside jiff's years −9999…9999.
     jiff::Timestamp::from_nanosecond(i128::from(time.0)).unwrap_or_default().to_string()
+}
+
+/// Reads RFC 3339; `None`: it is none, or of another age.
+#[must_use]
+pub fn timestamp(text: &str) -> Option<Timestamp> {
+    let time = text.parse::<jiff::Timestamp>().ok()?;
+    i64::try_from(time.as_nanosecond()).ok().map(Timestamp)
 }
 
 #[cfg(test)]

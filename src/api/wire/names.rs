@@ -7,6 +7,7 @@ use crate::diagnosis::fault;
 use crate::diagnosis::verdict;
 use crate::evaluation::score;
 use crate::features::speed;
+use crate::store::feedback;
 use crate::store::trends;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -213,6 +214,15 @@ names! {
     }
 }
 
+names! {
+    /// What somebody found of a verdict.
+    FindingName of feedback::Finding {
+        Confirmed = "confirmed",
+        Wrong = "wrong",
+        OtherCause = "other_cause",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,5 +246,6 @@ mod tests {
         check(alarms::Level::name);
         check(alarms::state::ShownState::name);
         check(alarms::EventKind::name);
+        check(feedback::Finding::name);
     }
 }

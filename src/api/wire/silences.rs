@@ -3,7 +3,7 @@
 use super::names::{AlarmStateName, KindName};
 use super::rfc3339;
 use crate::alarms::state::{ShownState, Silence};
-use crate::alarms::{Advance, Announcement, Subject};
+use crate::alarms::{Advance, Announcement, Ends, Subject};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -22,14 +22,16 @@ pub struct AdvanceWire {
     pub number: u64,
     /// `suppressed` or `out_of_service`.
     pub silence: AlarmStateName,
-    /// Kind of the component whose verdicts are silent; null for a limit or channel.
+    /// Kind of the component whose verdicts are silent; null for others.
     pub kind: Option<KindName>,
-    /// Id of that component; null for a limit or channel.
+    /// Id of that component; null for others.
     pub component: Option<String>,
     /// Id of the limit that is silent; null for others.
     pub limit: Option<String>,
     /// Name of the channel whose missing data are silent; null for others.
     pub channel: Option<String>,
+    /// Whether everything of the machine is silent: it is maintained.
+    pub whole_machine: bool,
     /// Who said it.
     pub author: String,
     /// Why.
@@ -93,7 +95,8 @@ impl AnnounceBody {
                 return Err("silence must be \"suppressed\" or \"out_of_service\"");
             }
         };
-        Ok(Announcement { subject, silence, for_s, author, comment })
+        let ends = for_s.map_or(Ends::ByHand, Ends::After);
+        Ok(Announcement { subject, silence, ends, author, comment })
     }
 }
 
@@ -105,6 +108,7 @@ impl AdvanceWire {
             Subject::Component(kind, id) => (Some(kind.into()), Some(id), None, None),
             Subject::Limit(id) => (None, None, Some(id), None),
             Subject::Channel(name) => (None, None, None, Some(name)),
+            Subject::Machine => (None, None, None, None),
         };
         let shown = match one.silence {
             Silence::Shelved => ShownState::Shelved,
@@ -118,6 +122,7 @@ impl AdvanceWire {
             component,
             limit,
             channel,
+            whole_machine: one.is_maintenance(),
             author: one.by.author.clone(),
             comment: one.by.comment.clone(),
             since: rfc3339(Some(one.since), 0.0),

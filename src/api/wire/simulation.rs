@@ -21,6 +21,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+/// Speeds at which a simulated shaft may be told to turn, Hz.
+const SPEEDS_HZ: (f64, f64) = (1.0, 60.0);
+
 /// Longest growth, s of simulated time.
 pub const MAX_GROW_S: f64 = 86_400.0;
 
@@ -42,6 +45,10 @@ pub struct ScenarioBody {
     #[serde(default)]
     #[schema(minimum = 0.0, maximum = 86400.0)]
     pub grow_s: f64,
+    /// Speed of the shaft, Hz, of a scene with one speed: the scene begins anew at it with the damage that it has; samples go
+    /// on. May be given alone.
+    #[schema(minimum = 1.0, maximum = 60.0)]
+    pub shaft_speed_hz: Option<f64>,
 }
 
 /// A fault of a simulated machine.
@@ -163,6 +170,8 @@ pub struct SimulationWire {
     pub grown_at_s: f64,
     /// Simulated time so far, s.
     pub simulated_s: f64,
+    /// Speed of the shaft, Hz; null: the scene has a profile of speeds.
+    pub shaft_speed_hz: Option<f64>,
     /// Simulated seconds a second; null: as fast as they are taken.
     pub speed: Option<f64>,
     /// How late the newest block was, s of the clock.
@@ -176,23 +185,28 @@ pub struct SimulationWire {
 }
 
 impl ScenarioBody {
-    /// What is wanted, and over which simulated time it grows, s.
+    /// What is wanted, `None` if only another speed is, and over which simulated time it grows, s.
     ///
     /// # Errors
     /// What is wrong, and what is allowed.
-    pub fn wanted(&self) -> Result<(Wanted, f64), String> {
+    pub fn wanted(&self) -> Result<(Option<Wanted>, f64), String> {
+        let (slowest, fastest) = SPEEDS_HZ;
+        if let Some(speed) = self.shaft_speed_hz.filter(|hz| !(slowest..=fastest).contains(hz)) {
+            return Err(format!("shaft_speed_hz is {speed}, allowed: {slowest} to {fastest}"));
+        }
         if !(0.0..=MAX_GROW_S).contains(&self.grow_s) {
             return Err(format!("grow_s is {}, allowed: 0 to {MAX_GROW_S}", self.grow_s));
         }
         let wanted = match (&self.scenario, &self.faults) {
-            (Some(name), None) => Wanted::Combination(name.clone()),
-            (None, Some(list)) => Wanted::Faults(faults(list)?),
+            (Some(name), None) => Some(Wanted::Combination(name.clone())),
+            (None, Some(list)) => Some(Wanted::Faults(faults(list)?)),
+            (None, None) if self.shaft_speed_hz.is_some() => None,
             (Some(_), Some(_)) => {
                 return Err("both scenario and faults are given, one of them is allowed".to_owned());
             }
             (None, None) => {
                 return Err(
-                    "neither scenario nor faults is given, one of them is needed".to_owned()
+                    "neither scenario nor faults nor shaft_speed_hz is given, one of them is needed".to_owned()
                 );
             }
         };
@@ -323,6 +337,7 @@ impl SimulationWire {
             growing: status.present != status.wanted,
             grown_at_s: status.grown_at_s,
             simulated_s: status.simulated_s,
+            shaft_speed_hz: status.shaft_speed_hz.and_then(finite),
             speed: status.speed,
             lag_s: finite(status.lag.now_s).filter(|_| paced),
             lag_given_up_s: finite(status.lag.given_up_s).filter(|_| paced),
@@ -340,7 +355,7 @@ mod tests {
 
     fn body(value: serde_json::Value) -> Result<(Wanted, f64), String> {
         let body: ScenarioBody = serde_json::from_value(value).map_err(|e| e.to_string())?;
-        body.wanted()
+        body.wanted().map(|(wanted, grow_s)| (wanted.unwrap(), grow_s))
     }
 
     #[test]

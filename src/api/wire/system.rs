@@ -18,6 +18,13 @@ pub struct ReadyWire {
     pub ready: bool,
 }
 
+/// The newest lines of the log.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+pub struct LogWire {
+    /// Oldest first; long ones are cut.
+    pub lines: Vec<String>,
+}
+
 /// The program and its streams.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct SystemWire {

@@ -1,5 +1,6 @@
 //! Captures of raw data around alarms: every shard's way to the thread that writes them, bounded in bytes, nobody waits.
 
+mod again;
 mod writing;
 
 use super::room::CapturesGiveWay;
@@ -196,7 +197,8 @@ pub(super) fn open(
     let max_waiting = Arc::new(AtomicUsize::new(max_waiting));
     let capturer =
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
-    let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root };
+    let judge = Arc::new(again::judge);
+    let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root, judge };
     let plan =
         CapturesPlan { jobs: inbox, waiting, index, store, metrics, room, troubles, give_way };
     Ok(Some(Captures { capturer, plan, handle }))

@@ -323,6 +323,7 @@ impl Monitored {
         let dropped = self.losses.so_far();
         self.meters.update(&rings, dropped.0);
         let alarms = self.alarms().standing();
+        self.meters.show(self.diagnosis.as_deref(), &alarms);
         let stream_time_s = newest_time_s(&rings);
         let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
         self.publisher.send_replace(Arc::new(MachineView {

@@ -59,6 +59,8 @@ pub(super) struct Follower {
     status: Arc<Status>,
     /// Number of the last transition that was sent without being stored.
     told_unstored: u64,
+    /// When what is due was stored, UTC.
+    due_since: Timestamp,
 }
 
 impl Follower {
@@ -80,6 +82,7 @@ impl Follower {
             store_refuses: false,
             status,
             told_unstored: 0,
+            due_since: Timestamp::default(),
         };
         // What waits from before the start is told from the start.
         if let Err(error) = follower.read_on() {
@@ -102,7 +105,9 @@ impl Follower {
             for entry in &entries {
                 let is_wanted = match &entry.what {
                     Happened::Alarm(event) => self.filter.takes(&entry.machine, event),
-                    Happened::Health(_) | Happened::Configuration(_) => false,
+                    Happened::Health(_) | Happened::Configuration(_) | Happened::Maintenance(_) => {
+                        false
+                    }
                 };
                 self.courier.see(entry.place, is_wanted);
             }
@@ -130,7 +135,10 @@ impl Follower {
                 Next::Send(place) => place,
             };
             match self.log.after(place.saturating_sub(1), 1).map(|mut found| found.pop()) {
-                Ok(Some(entry)) if entry.place == place => return Ok(entry),
+                Ok(Some(entry)) if entry.place == place => {
+                    self.due_since = entry.recorded;
+                    return Ok(entry);
+                }
                 // Removed from the log while it waited.
                 Ok(_) => self.courier.gone(),
                 Err(error) => {
@@ -153,6 +161,8 @@ impl Follower {
         let progress = self.courier.progress();
         if progress.n_delivered > before.1.n_delivered {
             self.last_delivered = Some(utc);
+            let after_ns = utc.0.saturating_sub(self.due_since.0);
+            self.metrics.after_s.observe(after_ns.max(0) as f64 * 1e-9);
         }
         if let Answer::Status(status, _) = answer
             && progress.n_refused > before.1.n_refused
@@ -275,7 +285,9 @@ impl Follower {
             }
             let is_wanted = match &entry.what {
                 Happened::Alarm(event) => self.filter.takes(&entry.machine, event),
-                Happened::Health(_) | Happened::Configuration(_) => false,
+                Happened::Health(_) | Happened::Configuration(_) | Happened::Maintenance(_) => {
+                    false
+                }
             };
             if is_wanted {
                 let answer = send(&entry);

@@ -35,13 +35,13 @@ export function actsFor(alarm) {
   }
 }
 
-/** A form for a name and a comment; `send(body)` is called with them. Errors stay in the form. */
-export function signedForm(verb, send, extra = null) {
+/** A form for a name and a comment, called `label`; `send(body)` is called with them. Errors stay in the form. */
+export function signedForm(verb, send, extra = null, { label = "Comment", isNeeded = false } = {}) {
   const author = h("input", { name: "author", required: true, maxlength: 200, autocomplete: "name", value: prefs.author });
-  const comment = h("input", { name: "comment", maxlength: 2000, autocomplete: "off" });
+  const comment = h("input", { name: "comment", required: isNeeded, maxlength: 2000, autocomplete: "off" });
   const said = h("p", { class: "said", role: "alert" });
   const button = h("button", { type: "submit", class: "primary" }, verb);
-  const form = h("form", { class: "signed" }, field("Your name", author), field("Comment", comment), extra, button, said);
+  const form = h("form", { class: "signed" }, field("Your name", author), field(label, comment), extra, button, said);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     button.disabled = true;

@@ -102,7 +102,12 @@ export async function get(path, parameters = {}, signal = undefined) {
 
 export async function post(path, body) {
   const headers = { "content-type": "application/json" };
-  return (await send(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
+  return (await send(path, body === null ? { method: "POST" } : { method: "POST", headers, body: JSON.stringify(body) })).json();
+}
+
+/** Takes something away; what is said of it goes into the address. */
+export async function remove(path, parameters) {
+  await send(`${path}?${new URLSearchParams(parameters)}`, { method: "DELETE" });
 }
 
 /** Fetches a file and hands it to the browser. A link could not carry the token. */

@@ -2,8 +2,10 @@
 
 import { download, get, machinePath, post } from "./api.js";
 import { signedForm } from "./acts.js";
-import { choice, empty, failed, field, fill, h, loading, select } from "./dom.js";
-import { bytes, number, span, time } from "./format.js";
+import { badge, choice, empty, failed, field, fill, h, loading, select } from "./dom.js";
+import { bytes, fault, number, span, time } from "./format.js";
+import { dialog } from "./shell.js";
+import { worstFirst } from "./store.js";
 
 const PAGE = 50;
 const LOOK_MS = 5000;
@@ -26,6 +28,41 @@ function fileButton(id, state) {
   return [h("button", { type: "button", disabled: !isThere, onclick: fetchIt }, "Download"), said];
 }
 
+/** What became of a component between two verdicts, a line each. */
+function changes(then, now) {
+  const of = (verdict, one) => verdict?.components?.find((other) => other.kind === one.kind && other.id === one.id);
+  const words = (one) => (one ? `${fault(one.fault, one.state) || one.state}${one.severity === null ? "" : `, severity ${one.severity.toFixed(2)}`}` : "not judged");
+  return worstFirst(now.components).map((one) =>
+    h("tr", null, h("th", { scope: "row" }, `${one.kind} ${one.id}`), h("td", null, then ? words(of(then, one)) : "–"), h("td", null, badge(one.state), " ", words(one)), h("td", null, one.why)),
+  );
+}
+
+/** Has the daemon judge a capture again, and shows what it finds beside the verdict of then. */
+async function judge(id) {
+  const box = h("div", null, loading("verdict: this takes some seconds"));
+  const close = h("form", { method: "dialog" }, h("menu", null, h("button", { class: "primary" }, "Close")));
+  const shown = dialog(`${id}, judged again`, box, close);
+  try {
+    const again = await post(`/captures/${encodeURIComponent(id)}/diagnosis`, null);
+    const { diagnosis, then, windows, equal } = again;
+    const heads = ["Component", "Then, in the newest window", "Now, over all of it", "Why"];
+    fill(
+      box,
+      h("p", { dataset: { judged: diagnosis.state } }, badge(diagnosis.state), ` ${number(diagnosis.duration_s)} s; `, windows > 0 ? `${equal} of ${windows} windows are the same bit by bit.` : "It keeps no windows to be judged bit by bit."),
+      again.made_elsewhere && h("p", { class: "note" }, again.made_elsewhere),
+      h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Verdicts" }, h("table", null, h("thead", null, h("tr", null, heads.map((t) => h("th", { scope: "col" }, t)))), h("tbody", null, changes(then, diagnosis)))),
+    );
+  } catch (error) {
+    fill(box, failed(error, null));
+  }
+  await shown;
+}
+
+function judgeButton(id, state) {
+  const isThere = state === "complete" || state === "recovered";
+  return h("button", { type: "button", disabled: !isThere, dataset: { judge: id }, onclick: () => judge(id) }, "Judge again");
+}
+
 /** The capture of an alarm, or why it has none. */
 export function captureLink(capture) {
   if (!capture) return h("p", { class: "soft" }, "Nothing is known yet of raw data around it.");
@@ -33,7 +70,7 @@ export function captureLink(capture) {
   return h(
     "div",
     { class: "capture-link" },
-    h("p", null, "Raw data: ", h("a", { href: `#/captures/${encodeURIComponent(capture.id)}` }, capture.id), `, ${capture.state} `, fileButton(capture.id, capture.state)),
+    h("p", null, "Raw data: ", h("a", { href: `#/captures/${encodeURIComponent(capture.id)}` }, capture.id), `, ${capture.state} `, judgeButton(capture.id, capture.state), " ", fileButton(capture.id, capture.state)),
     h("p", { class: "soft" }, "Judged again by ", h("code", null, again(capture.id))),
   );
 }
@@ -51,7 +88,7 @@ function item(one, isChosen) {
     h("td", null, one.bytes ? bytes(one.bytes) : "–"),
     h("td", null, one.state, one.note && h("span", { class: "soft" }, ` ${one.note}`)),
     h("td", null, number(one.windows)),
-    h("td", null, fileButton(one.id, one.state)),
+    h("td", null, judgeButton(one.id, one.state), " ", fileButton(one.id, one.state)),
   );
 }
 

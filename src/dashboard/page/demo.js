@@ -6,6 +6,8 @@ import { fault, number, percent, since, span, words } from "./format.js";
 import { look, worstFirst } from "./store.js";
 
 const GROW = [["0", "at once"], ["10", "over 10 s"], ["60", "over 1 min"], ["600", "over 10 min"]];
+/** Speeds of the simulated shaft, Hz. */
+const SPEEDS = [5, 10, 15, 20, 25, 30];
 const PARTS = { BG: "gear", BS: "shaft", BB: "bearing" };
 
 const scenarioText = (name) => name.split("_").flatMap((part) => PARTS[part] ?? []).join(", ") || "nothing";
@@ -68,7 +70,7 @@ export function openDemo(root, { parts }) {
   async function apply(body, text) {
     said.textContent = `${text} …`;
     try {
-      await post("/simulation/scenario", { machine, grow_s: Number(grow), ...body });
+      await post("/simulation/scenario", { machine, ...(body.shaft_speed_hz ? {} : { grow_s: Number(grow) }), ...body });
       said.textContent = `${text}. The diagnosis follows within half a minute.`;
     } catch (error) {
       said.textContent = `Not applied: ${error.message}`;
@@ -81,8 +83,15 @@ export function openDemo(root, { parts }) {
       h("button", { type: "button", "aria-pressed": String(name === simulation.scenario), dataset: { scenario: name }, onclick: () => apply({ scenario: name }, `${name} applied`) },
         h("strong", null, scenarioText(name)), h("span", { class: "soft" }, name)));
     const focused = presets.contains(document.activeElement) ? document.activeElement.dataset.scenario : null;
-    fill(presets, h("h2", null, "Damage"), h("div", { class: "presets" }, buttons), h("div", { class: "field" }, h("span", null, "Growing"), growth()));
+    fill(presets, h("h2", null, "Damage"), h("div", { class: "presets" }, buttons), h("div", { class: "field" }, h("span", null, "Growing"), growth()), simulation.shaft_speed_hz !== null && speeds(simulation));
     if (focused) presets.querySelector(`[data-scenario="${focused}"]`)?.focus();
+  }
+
+  /** The shaft turns at another speed; the scene begins anew at it. */
+  function speeds(simulation) {
+    const now = Math.abs(simulation.shaft_speed_hz);
+    const options = [...new Set([...SPEEDS, now])].sort((a, b) => a - b).map((hz) => [String(hz), `${number(hz)} Hz`]);
+    return h("div", { class: "field" }, h("span", null, "Shaft speed"), choice("Shaft speed", options, String(now), (value) => apply({ shaft_speed_hz: Number(value) }, `The shaft turns at ${value} Hz`)));
   }
 
   function growth() {
@@ -169,7 +178,7 @@ export function openDemo(root, { parts }) {
     machine ??= ids[0];
     const simulation = state.simulations.find((one) => one.machine === machine) ?? state.simulations[0];
     whenChanged("bar", ids, () => fill(bar, h("h1", null, "Simulation"), ids.length > 1 && select(ids.map((id) => [id, id]), machine, (id) => (location.hash = `#/simulation/${encodeURIComponent(id)}`), { "aria-label": "Machine" })));
-    whenChanged("presets", [simulation.scenarios, simulation.scenario], () => drawPresets(simulation));
+    whenChanged("presets", [simulation.scenarios, simulation.scenario, simulation.shaft_speed_hz], () => drawPresets(simulation));
     whenChanged("truth", simulation, () => drawTruth(simulation));
     const item = state.machines?.find((one) => one.id === machine);
     whenChanged("verdict", item?.components, () => drawVerdict(item));

@@ -2,6 +2,7 @@
 
 import { badge, choice, empty, failed, fill, h, icon, loading } from "./dom.js";
 import { fault, percent, since, time } from "./format.js";
+import { maintenancePill } from "./maintenance.js";
 import { sparkline } from "./sparkline.js";
 import { look, rank, worstFirst } from "./store.js";
 
@@ -81,6 +82,7 @@ function row(machine, isWide) {
       h("h2", null, h("a", { href: address(machine) }, machine.name || machine.id)),
       machine.name && h("span", { class: "soft" }, machine.id),
       machine.alarms > 0 && h("a", { class: "pill alarm", href: `#/alarms?machine=${encodeURIComponent(machine.id)}` }, `${machine.alarms} ${machine.alarms === 1 ? "alarm" : "alarms"}`),
+      maintenancePill(machine.maintenance),
       machine.operating_state !== "running" && h("span", { class: "pill" }, machine.operating_state === "unknown" ? "not judged yet" : machine.operating_state),
       h("span", { class: `data ${note.state}` }, note.text),
       h("span", { class: "soft since", title: time(machine.since) }, machine.since ? `${machine.state} for ${since(machine.since)}` : ""),

@@ -6,6 +6,8 @@ import { badge, empty, failed, fill, h, icon, loading } from "./dom.js";
 import { drivetrain } from "./drivetrain.js";
 import { dataNote, meter } from "./fleet.js";
 import { fault, hertz, number, percent, quantity, since, span, time, words } from "./format.js";
+import { feedback } from "./feedback.js";
+import { maintenanceButton, maintenanceNote } from "./maintenance.js";
 import { linePlot } from "./plot.js";
 import { proof } from "./proof.js";
 import { alarmsOf, machineOf, worstFirst } from "./store.js";
@@ -77,7 +79,7 @@ export function openMachine(root, { parts }) {
       speed && `${hertz(speed)} (${number(speed * 60, 4)} r/min), ${words(diagnosis.speed_source)}`,
       diagnosis && words(diagnosis.operating_state),
     ].filter(Boolean);
-    whenChanged("head", [item?.state, facts, note, machine?.name], () =>
+    whenChanged("head", [item?.state, item?.maintenance, facts, note, machine?.name], () =>
       fill(
         head,
         h("p", { class: "crumb" }, h("a", { href: "#/" }, "Fleet"), " / "),
@@ -86,6 +88,8 @@ export function openMachine(root, { parts }) {
         h("span", { class: "soft" }, facts.join(" · ")),
         h("span", { class: `data ${note.state}` }, note.text),
         h("a", { class: "button", href: `#/signals/${encodeURIComponent(id)}` }, "Signals"),
+        item && maintenanceButton(id, item.maintenance),
+        maintenanceNote(item?.maintenance),
       ),
     );
   }
@@ -130,10 +134,11 @@ export function openMachine(root, { parts }) {
     if (isNew) {
       shown?.proof?.end();
       shown?.trend?.end();
-      shown = { key: `${component.kind}/${component.id}`, verdict, words: h("div"), figures: h("div", { class: "figures" }), evidence: h("div") };
+      shown = { key: `${component.kind}/${component.id}`, verdict, words: h("div"), figures: h("div", { class: "figures" }), evidence: h("div"), feedback: feedback(id, component) };
       fill(
         detail,
         shown.words,
+        shown.feedback,
         h("div", { class: "row" }, h("h3", null, "Proof"), h("button", { type: "button", onclick: again }, "Newest window")),
         shown.figures,
         shown.evidence,

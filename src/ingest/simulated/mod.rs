@@ -89,6 +89,8 @@ pub struct Source {
     n_block: u64,
     damage: Damage,
     lag: Lag,
+    /// Of the noise.
+    seed: u64,
 }
 
 /// A channel and its samples of the present block.
@@ -144,6 +146,8 @@ pub struct Status {
     pub grown_at_s: f64,
     /// Simulated time so far, s.
     pub simulated_s: f64,
+    /// Speed of the shaft, Hz; `None`: the scene has a profile of speeds.
+    pub shaft_speed_hz: Option<f64>,
     /// Simulated seconds a second; `None`: as fast as it is taken.
     pub speed: Option<f64>,
     /// Lag.
@@ -199,7 +203,18 @@ impl Source {
             grow_s: 0.0,
         };
         let (scene, speed, lag) = (scene.clone(), settings.speed, Lag::default());
-        Ok(Self { scene, speed, simulation, channels, info, n_samples: 0, n_block, damage, lag })
+        Ok(Self {
+            scene,
+            speed,
+            simulation,
+            channels,
+            info,
+            n_samples: 0,
+            n_block,
+            damage,
+            lag,
+            seed: settings.seed,
+        })
     }
 
     /// What is known before the first sample.
@@ -227,6 +242,10 @@ impl Source {
             since_s: damage.since_s,
             grown_at_s: damage.since_s + damage.grow_s,
             simulated_s,
+            shaft_speed_hz: match self.scene.speed {
+                SpeedProfile::Constant(speed_hz) => Some(speed_hz),
+                SpeedProfile::Table(_) => None,
+            },
             speed: match self.speed {
                 Speed::Max => None,
                 Speed::Times(factor) => Some(factor),
@@ -253,6 +272,28 @@ impl Source {
         let from = self.damage.now.clone();
         let now = if grow_s > 0.0 { from.clone() } else { to.clone() };
         self.damage = Damage { from, to, now, since_s: self.simulated_s(), grow_s };
+        Ok(())
+    }
+
+    /// Lets the shaft turn at another speed from the next block on. The motion begins anew, as after a start, with the
+    /// damage and the noise that there are; samples and their numbers go on.
+    ///
+    /// # Errors
+    /// When the scene has a profile of speeds, or does not take this one; nothing is changed then.
+    pub fn turn(&mut self, speed_hz: f64) -> Result<(), ScenarioError> {
+        let SpeedProfile::Constant(before) = self.scene.speed else {
+            let text = "the scene has a profile of speeds, and no single one to be changed";
+            return Err(ScenarioError::Refused(text.to_owned()));
+        };
+        let speed = SpeedProfile::Constant(speed_hz.copysign(before));
+        let mut scene = self.scene.clone();
+        scene.speed = speed;
+        // Other noise than that of the beginning: it must not come again.
+        let seed = self.seed.wrapping_add(1);
+        let damaged = scenario::with_faults(&scene, &self.damage.now);
+        let made = Simulation::new(&damaged, seed);
+        self.simulation = made.map_err(|error| ScenarioError::Refused(error.to_string()))?;
+        (self.scene, self.seed) = (scene, seed);
         Ok(())
     }
 

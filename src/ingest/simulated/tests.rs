@@ -270,3 +270,62 @@ fn a_stop_ends_it_within_a_piece_and_within_a_wait() {
     // A look a piece, one piece a block of 200 samples: three blocks of two channels.
     assert_eq!((looks, n_steps), (4, 6));
 }
+
+/// Samples of the probe in the next `n_blocks` blocks, with the number of the first of each.
+fn probe(source: &mut Source, n_blocks: usize) -> (Vec<u64>, Vec<f32>) {
+    let (mut starts, mut samples) = (Vec::new(), Vec::new());
+    for _ in 0..n_blocks {
+        assert!(source.compute(&mut || false).unwrap());
+        for i in 0..source.channels.len() {
+            let done = hand_on(i, &mut source.channels[i], false, &mut |step| {
+                if let Step::Block(block) = step
+                    && block.channel.0 == 0
+                {
+                    starts.push(block.start.0);
+                    samples.extend(block.samples);
+                }
+                ControlFlow::Continue(())
+            });
+            assert!(done.is_continue());
+        }
+    }
+    (starts, samples)
+}
+
+/// Amplitude of a second of samples at a frequency.
+fn amplitude(samples: &[f32], hz: f64) -> f64 {
+    let angle = |i: usize| std::f64::consts::TAU * hz * i as f64 / samples.len() as f64;
+    let sum = |part: fn(f64) -> f64| -> f64 {
+        samples.iter().enumerate().map(|(i, x)| f64::from(*x) * part(angle(i))).sum()
+    };
+    2.0 * sum(f64::cos).hypot(sum(f64::sin)) / samples.len() as f64
+}
+
+#[test]
+fn a_shaft_turns_at_another_speed_and_its_samples_go_on() {
+    let mut source = source(Speed::Max);
+    let (before, at_20) = probe(&mut source, 10);
+    source.turn(13.0).unwrap();
+    let (after, at_13) = probe(&mut source, 10);
+    assert_eq!(source.status().shaft_speed_hz, Some(13.0));
+    assert_eq!((before[0], before[9], after[0]), (0, 1800, 2000), "numbers go on");
+    // The unbalance is at the speed of each second; of the other one there is what swings in alone.
+    assert!(amplitude(&at_20, 20.0) > 3.0 * amplitude(&at_13, 20.0));
+    assert!(amplitude(&at_13, 13.0) > 1.5 * amplitude(&at_20, 13.0));
+    assert!((source.simulated_s() - 2.0).abs() < 1e-9);
+    let first = probe(&mut source, 1).1;
+    source.turn(13.0).unwrap();
+    assert_ne!(probe(&mut source, 1).1, first, "not the same noise again");
+}
+
+#[test]
+fn a_scene_with_a_profile_of_speeds_keeps_it() {
+    let profile = SCENE.replace("constant_hz = 20.0", "points = [[0.0, 10.0], [1.0, 20.0]]");
+    let scene = Scene::parse(&profile, "profile.toml").unwrap();
+    let machine = file::parse(MACHINE, "m.toml").unwrap();
+    let settings = Settings { scene, ..settings(Speed::Max) };
+    let mut source = Source::open(&settings, &machine).unwrap();
+    let refused = source.turn(15.0).unwrap_err().to_string();
+    assert!(refused.contains("a profile of speeds"), "{refused}");
+    assert_eq!(source.status().shaft_speed_hz, None);
+}

@@ -39,7 +39,19 @@ use crate::diagnosis::fault::ComponentKind;
 use crate::signal::Timestamp;
 use crate::units::Unit;
 use std::ops::ControlFlow;
+use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
+
+/// The files of trends in a folder.
+pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
+    retention::files(folder).into_iter().map(|(_, path)| path).collect()
+}
+
+/// Whether a file that nobody has open is one of trends, whole and not of a newer program.
+pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
+    open::check_copy(path)
+}
 
 /// Name and unit of a feature.
 pub type FeatureName = (Arc<str>, Unit);

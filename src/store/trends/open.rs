@@ -96,6 +96,18 @@ fn version(connection: &Connection, path: &Path) -> Result<u32, StoreError> {
     Ok(found)
 }
 
+/// Whether a file that nobody has open is one of trends, whole and not of a newer program.
+pub(super) fn check_copy(path: &Path) -> Result<(), StoreError> {
+    let checking = |source| problem(path, "checking a file of trends", source);
+    let Some(connection) = reading(path)? else { return Ok(()) };
+    let found: String =
+        connection.query_row("PRAGMA quick_check(1)", (), |row| row.get(0)).map_err(checking)?;
+    if found == "ok" {
+        return Ok(());
+    }
+    Err(StoreError::DamagedTrends { file: path.to_owned(), found })
+}
+
 /// An error with the file it is about, if the file is what is wrong.
 pub(super) fn problem(path: &Path, doing: &'static str, source: rusqlite::Error) -> StoreError {
     let code = source.sqlite_error_code();

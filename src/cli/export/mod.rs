@@ -1,6 +1,8 @@
-//! `rotorwatch export`: stored trends and alarm events as CSV or HDF5.
+//! `rotorwatch export`: stored trends, alarm events and what people found of verdicts, as CSV or HDF5.
 //!
 //! Reads the store of a configuration, beside its daemon or without. CSV is in long form, one value a line.
+
+mod feedback;
 
 use super::baseline::NoSuchMachine;
 use super::output::Output;
@@ -38,11 +40,12 @@ Examples:
   rotorwatch export --config rotorwatch.toml --machine rig-1 --channel right_x --feature rms --tier 1h --format csv
   rotorwatch export --config rotorwatch.toml --from 2026-11-01T00:00:00Z --format hdf5 --out november.h5
   rotorwatch export --config rotorwatch.toml --alarms --format csv
+  rotorwatch export --config rotorwatch.toml --feedback --format csv
 
 CSV has one value a line: time (RFC 3339), machine, kind (channel, or that of a component), name, feature, unit,
 value; of minutes and hours the mean, then smallest and largest value. HDF5 has a group a machine, in it one a channel
-or component, with the times (seconds since 1970) and a data set a feature. --alarms writes what happened to alarms
-instead, as CSV. Streams without a start count from 1970-01-01. The daemon may run meanwhile; the minute that is
+or component, with the times (seconds since 1970) and a data set a feature. --alarms writes what happened to alarms,
+--feedback what people found of verdicts, as CSV. Streams without a start count from 1970-01-01. The daemon may run meanwhile; the minute that is
 under way is not stored yet.
 
 Exit codes: 0 done; 2 an error.";
@@ -87,6 +90,9 @@ pub struct Arguments {
     /// What happened to alarms, instead of trends.
     #[arg(long, conflicts_with_all = ["channel", "component", "feature", "tier"])]
     pub alarms: bool,
+    /// What people found of verdicts, instead of trends.
+    #[arg(long, conflicts_with_all = ["channel", "component", "feature", "tier", "alarms"])]
+    pub feedback: bool,
     /// How to write.
     #[arg(long, value_enum)]
     pub format: Format,
@@ -132,8 +138,8 @@ enum ExportError {
     Hdf5(#[from] CaptureError),
     #[error("HDF5 needs a file: name one with --out")]
     NoFile,
-    #[error("alarms are written as CSV: --format csv")]
-    AlarmsAreText,
+    #[error("alarms and feedback are written as CSV: --format csv")]
+    OnlyText,
     #[error("no {what} {name:?} of {machine:?} is stored; there is: {there}")]
     Unknown { what: &'static str, name: String, machine: String, there: String },
     #[error("part of the store cannot be read: {0}")]
@@ -156,11 +162,12 @@ fn export(arguments: &Arguments) -> Result<(), ExportError> {
         Some(id) => vec![super::baseline::machine(&config, Some(id))?.machine.id.clone()],
         None => config.machines.iter().map(|entry| entry.machine.id.clone()).collect(),
     };
-    match (arguments.alarms, arguments.format) {
-        (true, Format::Csv) => alarms(arguments, &config, &machines),
-        (true, Format::Hdf5) => Err(ExportError::AlarmsAreText),
-        (false, Format::Csv) => csv(arguments, &config, &machines),
-        (false, Format::Hdf5) => hdf5(arguments, &config, &machines),
+    match arguments.format {
+        Format::Csv if arguments.alarms => alarms(arguments, &config, &machines),
+        Format::Csv if arguments.feedback => feedback::write(arguments, &config, &machines),
+        Format::Csv => csv(arguments, &config, &machines),
+        Format::Hdf5 if arguments.alarms || arguments.feedback => Err(ExportError::OnlyText),
+        Format::Hdf5 => hdf5(arguments, &config, &machines),
     }
 }
 
