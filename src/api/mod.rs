@@ -24,6 +24,7 @@ mod turning;
 mod bins;
 mod spectra;
 mod cwt;
+mod joint;
 mod orbit;
 mod alarms;
 mod acts;
@@ -100,6 +101,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(trends::component))
         .routes(routes!(spectra::spectrum))
         .routes(routes!(cwt::cwt))
+        .routes(routes!(joint::joint))
         .routes(routes!(orbit::orbit))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))

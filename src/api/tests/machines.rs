@@ -166,7 +166,7 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 43);
+    assert_eq!(n_paths, 44);
 }
 
 #[test]

@@ -11,6 +11,7 @@ pub mod evaluation;
 pub mod bearings;
 pub mod machines;
 pub mod signals;
+pub mod joint;
 pub mod orbit;
 pub mod alarms;
 pub mod audit;
