@@ -123,7 +123,7 @@ struct Mother {
 /// The plan of a picture.
 enum Picture {
     Morlet(ScalogramPlan<f32>),
-    Other(WaveletScalogramPlan<f32>),
+    Other(Box<WaveletScalogramPlan<f32>>),
 }
 
 impl Mother {
@@ -153,7 +153,7 @@ impl Mother {
     ) -> Option<Picture> {
         match self.shape {
             Some(shape) => WaveletScalogramPlan::new(shape, (n, fs_hz), f_hz, n_columns, cache)
-                .map(Picture::Other),
+                .map(|plan| Picture::Other(Box::new(plan))),
             None => ScalogramPlan::new(n, fs_hz, f_hz, DEFAULT_OMEGA0, n_columns, cache)
                 .map(Picture::Morlet),
         }

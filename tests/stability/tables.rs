@@ -4,6 +4,7 @@
 
 use rotorwatch::bench::records::{Exact, Record, mean_accelerations, ported, stepped, worst};
 use rotorwatch::bench::scenes::{A3, D0, D3, Rig, bow_run_up};
+use rotorwatch::simulator::model::Model;
 use rotorwatch::simulator::reference::scene::Setting;
 
 #[test]
@@ -117,7 +118,7 @@ fn the_fast_way_keeps_to_the_reference() {
 const PEER: (f64, f64) = (0.02, 20e-6);
 
 #[test]
-#[ignore = "writes target/peers/bearing.csv, what benches/peers compares other programs with"]
+#[ignore = "writes target/peers/bearing.csv and modal.csv, what benches/peers compares other programs with"]
 fn reference_for_peers() {
     // All shapes of 24 elements and no modal damping: the finite-element equations themselves.
     let modes = "count = 48\ndamping = 0.0\nelements_per_span = 4";
@@ -130,6 +131,33 @@ fn reference_for_peers() {
     }
     std::fs::create_dir_all("target/peers").unwrap();
     std::fs::write("target/peers/bearing.csv", text).unwrap();
+    std::fs::write("target/peers/modal.csv", modal()).unwrap();
+}
+
+/// The reduced model of set A, bearing 3, as lists by name, and its motion.
+fn modal() -> String {
+    let setting = Setting::new(&A3.scene().unwrap()).unwrap();
+    let model = &setting.model;
+    let oscillators = model.oscillators();
+    let speed = model.speed.at(0.0).speed_rad_per_s;
+    let (real, imaginary) = Model::turning_force(&model.shafts[0], speed);
+    let mut text = String::new();
+    for (name, list) in [
+        ("omega_rad_per_s", &oscillators.omega_rad_per_s),
+        ("damping", &oscillators.damping),
+        ("force_real", &real),
+        ("force_imaginary", &imaginary),
+        ("left", &model.seats[0].row),
+        ("right", &model.seats[1].row),
+    ] {
+        let numbers: Vec<String> = list.iter().map(|x| format!("{x:e}")).collect();
+        text.push_str(&format!("{name},{}\n", numbers.join(",")));
+    }
+    let record = Exact::new(&setting, PEER.1, PEER.0, 1e-12).at(PEER.1);
+    for (i, (x, y)) in record.bearings[2].iter().zip(&record.bearings[3]).enumerate() {
+        text.push_str(&format!("motion,{:.9},{x:.15e},{y:.15e}\n", PEER.1 * i as f64));
+    }
+    text
 }
 
 #[test]

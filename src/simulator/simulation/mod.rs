@@ -10,7 +10,7 @@ use super::rotor::Plane;
 use super::run::{Quantity, Watch};
 use super::scene::{Faults, NumberKind, Scene, SceneErrors, SceneSensor, SensorKind};
 use super::sensor::{Chain, Converter, SensorModel, tacho_mark};
-use engine::Engine;
+use engine::{Engine, Refusal};
 use std::f64::consts::TAU;
 
 /// Most samples of the fastest channel that are computed at a time.
@@ -108,7 +108,7 @@ impl Simulation {
     /// # Errors
     ///
     /// What cannot be built: a free shaft, more modes than degrees of freedom, speeds beyond the
-    /// modelled band, bearings under which motion grows, no steady motion to begin with.
+    /// modelled band, bearings under which motion grows, no steady motion to begin with, motion too fast for the shortest step.
     pub fn new(scene: &Scene, seed: u64) -> Result<Self, SceneErrors> {
         let Built { plane, model, mut plan } = build::build(scene)?;
         let watching = |sensor: &&SceneSensor| sensor.kind != SensorKind::Tacho;
@@ -129,7 +129,10 @@ impl Simulation {
             })
             .collect();
         let begun = Engine::new(scene, &model, &plan, &sensed);
-        let (engine, choice) = begun.ok_or_else(|| no_steady(scene))?;
+        let (engine, choice) = begun.map_err(|refusal| match refusal {
+            Refusal::NoSteady => no_steady(scene),
+            Refusal::TooFast => too_fast(scene),
+        })?;
         if let Some(choice) = choice {
             plan.steps_per_sample = choice.steps_per_sample;
             plan.cuts_at_contact = choice.cuts_at_contact;
@@ -265,6 +268,12 @@ impl Simulation {
         }
         self.n_samples += n as u64;
     }
+}
+
+fn too_fast(scene: &Scene) -> SceneErrors {
+    let found = "parts that move too fast for steps of 0.5 µs: the motion grows without bound";
+    let allowed = "softer contacts, less damping of bearings, or heavier parts";
+    scene.mistake("bearing[0]", found, allowed)
 }
 
 fn no_steady(scene: &Scene) -> SceneErrors {
