@@ -94,14 +94,15 @@ fn hard_cases_are_a_table() {
 fn one_scene_of_the_search_can_be_had_again() {
     let dir = TempDir::new().unwrap();
     let mut command = support::command();
-    command.args(["bench", "stability", "--scenes", "3", "--first-seed", "40", "--out"]);
+    command.args(["bench", "stability", "--scenes", "1", "--first-seed", "42", "--out"]);
     let ended = support::run(command.arg(dir.path()));
     assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
     let rows = rows(dir.path(), "stability");
     assert!(rows.iter().all(|row| row["case"].as_str().unwrap().contains("at random")), "{rows:?}");
     let text = fs::read_to_string(dir.path().join("stability.json")).unwrap();
     let document: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(document["settings"]["first_seed"], 40);
+    assert_eq!(document["settings"]["first_seed"], 42);
+    assert!(fs::read_to_string(dir.path().join("scene-42.toml")).unwrap().contains("[scene]"));
 }
 
 #[test]

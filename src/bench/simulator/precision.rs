@@ -5,7 +5,7 @@
 
 use super::steppers::{self, Method};
 use crate::bench::clock::{self, Yardstick};
-use crate::bench::records::{Exact, ported, stepped, worst};
+use crate::bench::records::{Exact, port_run, stepped, steps, worst};
 use crate::bench::scenes::{A3, D0, D3, Rig, bow_run_up};
 use crate::bench::table::{Cell, Column};
 use crate::bench::{BenchError, Tell};
@@ -49,7 +49,7 @@ impl Effort {
     /// What figures are published with.
     pub const WHOLE: Self = Self {
         n_scenes: usize::MAX,
-        seconds: 0.05,
+        seconds: 0.1,
         steps_s: &[20e-6, 10e-6, 5e-6, 2.5e-6],
         accuracies: &[1e-3, 1e-4, 1e-5, 1e-6],
         tolerance: 1e-12,
@@ -57,7 +57,7 @@ impl Effort {
 
     /// Minutes of work, for every change.
     pub const THINNED: Self = Self {
-        seconds: 0.01,
+        seconds: 0.05,
         steps_s: &[20e-6, 5e-6],
         accuracies: &[1e-4],
         tolerance: 1e-11,
@@ -148,36 +148,50 @@ fn row((name, n_shapes): (&str, f64), point: &Point, all: &[Point], yardstick_s:
     ]
 }
 
+/// Displacements of the bearings, and processor time, s.
+type Timed = (Vec<Vec<f64>>, f64);
+
+fn timed(run: impl FnOnce() -> Vec<Vec<f64>>) -> Timed {
+    let begun = ThreadTime::now();
+    let found = run();
+    (found, begun.elapsed().as_secs_f64())
+}
+
+/// The program's own way; what it does once before its first step is not counted (`setup_cpu_s` of the first table).
+fn of_ports(setting: &Setting, (step_s, seconds): (f64, f64), cuts: bool) -> Option<Timed> {
+    let mut run = port_run(setting, step_s, cuts)?;
+    let mut values = vec![Vec::new(); run.n_watches()];
+    let (mut values, cpu_s) = timed(|| {
+        run.fill(steps(seconds, step_s), &mut values);
+        values
+    });
+    values.truncate(setting.bearings.len());
+    Some((values, cpu_s))
+}
+
 /// Every method at every step, and what is chosen for each accuracy.
 fn points(scene: &Scene, setting: &Setting, effort: &Effort) -> Result<Vec<Point>, BenchError> {
     let seconds = effort.seconds;
     let grid_s = effort.steps_s.last().copied().unwrap_or(5e-6);
     let exact = Exact::new(setting, grid_s, seconds, effort.tolerance);
     let mut points = Vec::new();
-    let mut take = |method: &str, step_s: f64, run: &dyn Fn() -> Option<Vec<Vec<f64>>>| {
-        let begun = ThreadTime::now();
-        if let Some(found) = run() {
-            let cpu_s_per_s = begun.elapsed().as_secs_f64() / seconds;
+    let mut take = |method: &str, step_s: f64, run: &dyn Fn() -> Option<Timed>| {
+        if let Some((found, cpu_s)) = run() {
             let error = worst(&found, &exact.at(step_s).bearings);
-            let step_s = Some(step_s);
-            points.push(Point {
-                method: method.to_owned(),
-                step_s,
-                error,
-                cpu_s_per_s,
-                automatic: None,
-            });
+            let (step_s, cpu_s_per_s) = (Some(step_s), cpu_s / seconds);
+            let method = method.to_owned();
+            points.push(Point { method, step_s, error, cpu_s_per_s, automatic: None });
         }
     };
     // How teeth meet and part is known to the program's own steps alone.
     let is_plain = setting.model.gears.is_empty();
     for step_s in effort.steps_s {
         let step_s = *step_s;
-        let of_ports = |cuts| move || ported(setting, step_s, seconds, cuts).map(|r| r.bearings);
+        let of_ports = |cuts| move || of_ports(setting, (step_s, seconds), cuts);
         take("shipped, parts at touch", step_s, &of_ports(false));
         take("shipped, cut at touch", step_s, &of_ports(true));
         take("ETDRK4, all coordinates", step_s, &|| {
-            Some(stepped(setting, step_s, seconds, true).bearings)
+            Some(timed(|| stepped(setting, step_s, seconds, true).bearings))
         });
         for (method, name, is_aligned) in [
             (Method::RungeKutta4, "RK4, aligned", true),
@@ -187,7 +201,7 @@ fn points(scene: &Scene, setting: &Setting, effort: &Effort) -> Result<Vec<Point
         ] {
             take(name, step_s, &|| {
                 let of = (step_s, seconds);
-                is_plain.then(|| steppers::displacements(setting, method, of, is_aligned))
+                is_plain.then(|| timed(|| steppers::displacements(setting, method, of, is_aligned)))
             });
         }
     }
@@ -217,12 +231,10 @@ fn automatic(
     scene.accuracy = accuracy;
     let plan = Simulation::new(&scene, 1)?.plan().clone();
     let (step_s, seconds) = (plan.step_s(), effort.seconds);
-    let begun = ThreadTime::now();
-    let found = match ported(setting, step_s, seconds, plan.cuts_at_contact) {
-        Some(record) => record.bearings,
-        None => stepped(setting, step_s, seconds, true).bearings,
-    };
-    let cpu_s_per_s = begun.elapsed().as_secs_f64() / seconds;
+    let found = of_ports(setting, (step_s, seconds), plan.cuts_at_contact);
+    let general = || timed(|| stepped(setting, step_s, seconds, true).bearings);
+    let (found, cpu_s) = found.unwrap_or_else(general);
+    let cpu_s_per_s = cpu_s / seconds;
     let exact = Exact::new(setting, step_s, seconds, effort.tolerance).at(step_s);
     Ok(Some(Point {
         method: "chosen".to_owned(),

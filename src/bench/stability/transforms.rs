@@ -142,13 +142,22 @@ fn wide<T: Real>(list: &[T]) -> Vec<f64> {
 
 /// Results of the kernels that have no inverse, in one precision.
 struct Pictures {
-    spectra: Vec<Vec<f64>>,
-    pictures: Vec<Vec<f64>>,
-    joint: Vec<Vec<f64>>,
+    spectra: Vec<List>,
+    pictures: Vec<List>,
+    joint: Vec<List>,
+}
+
+/// What a kernel gave, and below which largest value it is nothing but rounding of the samples: a thousandth of the
+/// largest of them, of powers 1e-5 of its square.
+struct List {
+    values: Vec<f64>,
+    floor: f64,
 }
 
 fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
     let n = x.len();
+    let (of_line, of_power) = (1e-3 * top(x), 1e-5 * top(x) * top(x));
+    let list = |values: &[T], floor| List { values: wide(values), floor };
     let x: Vec<T> = x.iter().map(|x| T::rounded(*x)).collect();
     let mut cache = FftCache::<T>::new();
     let mut forward = ForwardPlan::new(n, &mut cache);
@@ -158,32 +167,32 @@ fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
     let mut amplitude = AmplitudePlan::new(n, &mut cache);
     let mut out = vec![T::ZERO; amplitude.n_bins()];
     amplitude.process(&x, &mut out);
-    spectra.push(wide(&out));
+    spectra.push(list(&out, of_line));
     let mut welch = WelchPlan::new(n / 3, &mut cache);
     let mut out = vec![T::ZERO; welch.n_bins()];
     welch.process(&x, FS_HZ, &mut out);
-    spectra.push(wide(&out));
+    spectra.push(list(&out, of_power / FS_HZ));
     let spec = FrameSpec { shape: window::Shape::Hann, n_frame: n / 4, hop: n / 7 };
     let mut stft = StftPlan::new(spec, &mut cache);
     let mut out = vec![T::ZERO; stft.n_frames(n) * stft.n_bins()];
     stft.process(&x, FS_HZ, Scale::Amplitude, &mut out);
-    spectra.push(wide(&out));
+    spectra.push(list(&out, of_line));
     let mut squared = SquaredEnvelopePlan::new(n, n / 10..n / 4, &mut cache);
     let mut e2 = vec![T::ZERO; squared.out_len()];
     squared.process(&x_hat, &mut e2);
-    spectra.push(wide(&e2));
+    spectra.push(list(&e2, of_power));
     let f_hz = [150.0, 800.0, 3100.0];
     let mut pictures = Vec::new();
     let mut morlet = ScalogramPlan::new(n, FS_HZ, &f_hz, DEFAULT_OMEGA0, 40, &mut cache)?;
     let mut out = vec![T::ZERO; morlet.out_len()];
     morlet.process(&x_hat, Part::Modulus, &mut out);
-    pictures.push(wide(&out));
+    pictures.push(list(&out, of_line));
     for wavelet in [Wavelet::MexicanHat, Wavelet::Haar] {
         let shape = Shape::new(wavelet)?;
         let mut plan = WaveletScalogramPlan::new(shape, (n, FS_HZ), &f_hz, 40, &mut cache)?;
         let mut out = vec![T::ZERO; plan.out_len()];
         plan.process(&x_hat, Part::Modulus, &mut out);
-        pictures.push(wide(&out));
+        pictures.push(list(&out, of_line));
     }
     let mut joint = Vec::new();
     for kernel in [Kernel::Delta, Kernel::Hann(n / 20), Kernel::ChoiWilliams(1.0)] {
@@ -192,7 +201,7 @@ fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
         let mut plan = JointPlan::new(n, FS_HZ, spec, &mut cache)?;
         let mut out = vec![T::ZERO; plan.out_len()];
         plan.process(&x_hat, &mut out);
-        joint.push(wide(&out));
+        joint.push(list(&out, 10.0 * of_power / FS_HZ));
     }
     Some(Pictures { spectra, pictures, joint })
 }
@@ -209,11 +218,9 @@ fn one(x: &[f64], kind: Kind, errors: &mut Errors) -> Option<()> {
     ];
     for (name, single, double, tolerance) in lists {
         for (single, double) in single.iter().zip(double) {
+            let has_digits = top(&double.values) > double.floor;
+            let (single, double) = (&single.values, &double.values);
             let is_finite = single.iter().chain(double).all(|v| v.is_finite());
-            let largest = top(double);
-            // What is nothing but rounding of the samples has no digits to compare.
-            let has_digits = largest
-                > 1e-4 * top(x) * if name.starts_with("bil") { top(x) / FS_HZ } else { 1.0 };
             let error = if !is_finite {
                 f64::INFINITY
             } else if kind.has_offset || !has_digits {

@@ -79,12 +79,23 @@ impl DwtPlan {
     }
 }
 
+/// Place of a filter's first tap where it lies inside of `n` samples as a whole.
+fn inside(taps: &Taps, k: usize, n: usize) -> Option<usize> {
+    let start = usize::try_from(2 * k.cast_signed() + taps.first).ok()?;
+    (start + taps.taps.len() <= n).then_some(start)
+}
+
 /// Σ taps[n]·x[n + 2k], indices modulo the length.
 fn correlate(taps: &Taps, x: &[f64], out: &mut [f64]) {
     let n = x.len().cast_signed();
     for (k, out) in out.iter_mut().enumerate() {
-        let first = 2 * k.cast_signed();
-        *out = taps.iter().map(|(i, tap)| tap * x[(first + i).rem_euclid(n).cast_unsigned()]).sum();
+        *out = match inside(taps, k, x.len()) {
+            Some(start) => x[start..].iter().zip(&taps.taps).map(|(x, tap)| x * tap).sum(),
+            None => {
+                let at = |i: isize| (2 * k.cast_signed() + i).rem_euclid(n).cast_unsigned();
+                taps.iter().map(|(i, tap)| tap * x[at(i)]).sum()
+            }
+        };
     }
 }
 
@@ -92,9 +103,14 @@ fn correlate(taps: &Taps, x: &[f64], out: &mut [f64]) {
 fn spread(taps: &Taps, coefficients: &[f64], x: &mut [f64]) {
     let n = x.len().cast_signed();
     for (k, coefficient) in coefficients.iter().enumerate() {
-        let first = 2 * k.cast_signed();
+        if let Some(start) = inside(taps, k, x.len()) {
+            for (x, tap) in x[start..].iter_mut().zip(&taps.taps) {
+                *x += tap * coefficient;
+            }
+            continue;
+        }
         for (i, tap) in taps.iter() {
-            x[(first + i).rem_euclid(n).cast_unsigned()] += tap * coefficient;
+            x[(2 * k.cast_signed() + i).rem_euclid(n).cast_unsigned()] += tap * coefficient;
         }
     }
 }

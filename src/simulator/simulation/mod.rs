@@ -224,11 +224,18 @@ impl Simulation {
         Ok(())
     }
 
-    /// What went beyond what the scene can tell so far: ball loads beyond yield, probes touched,
+    /// What went beyond what the scene can tell so far: the accuracy asked for, ball loads beyond yield, probes touched,
     /// converters clipped. One sentence each.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
+        let (asked, expected) = (self.scene.accuracy, self.plan.expected_error);
+        if self.plan.is_error_measured && expected > asked {
+            warnings.push(format!(
+                "the accuracy of {asked:.0e} is not kept: two steps, one half of the other, part by {expected:.0e} at \
+                 the beginning, the shortest one too"
+            ));
+        }
         for ((id, ball), load_n) in self.scene.ball_bearings().zip(self.engine.peak_loads_n()) {
             if let Some(limit) = ball.yield_load_n.filter(|limit| load_n > *limit) {
                 warnings.push(format!(
