@@ -41,7 +41,20 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("capture", &["units", "signal", "machine", "causes"]),
     ("offline", &["units", "signal", "machine", "features", "diagnosis", "pipeline", "capture"]),
     ("ingest", &["units", "signal", "machine", "simulator", "wire", "capture"]),
-    ("bench", &["units", "signal", "machine", "dsp", "pipeline", "simulator", "plot"]),
+    (
+        "bench",
+        &[
+            "units",
+            "signal",
+            "machine",
+            "dsp",
+            "pipeline",
+            "simulator",
+            "evaluation",
+            "trials",
+            "plot",
+        ],
+    ),
     ("store", &["units", "signal", "tape", "features", "diagnosis", "alarms", "notify", "causes"]),
     (
         "api",

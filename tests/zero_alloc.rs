@@ -10,6 +10,9 @@ use std::hint::black_box;
 use rotorwatch::dsp::absolute;
 use rotorwatch::dsp::absolute::OversampledAbsolutePlan;
 use rotorwatch::dsp::band_envelope::BandEnvelopePlan;
+use rotorwatch::dsp::bilinear::JointPlan;
+use rotorwatch::dsp::bilinear::JointSpec;
+use rotorwatch::dsp::bilinear::kernel::Kernel;
 use rotorwatch::dsp::butterworth;
 use rotorwatch::dsp::butterworth::Pass;
 use rotorwatch::dsp::cepstrum;
@@ -20,6 +23,7 @@ use rotorwatch::dsp::cepstrum::LifterPlan;
 use rotorwatch::dsp::comb;
 use rotorwatch::dsp::comb::CombSpeedPlan;
 use rotorwatch::dsp::comb::SpeedSearch;
+use rotorwatch::dsp::complex_cepstrum::ComplexCepstrumPlan;
 use rotorwatch::dsp::cross::CrossPlan;
 use rotorwatch::dsp::cwt;
 use rotorwatch::dsp::cwt::MorletPlan;
@@ -73,6 +77,11 @@ use rotorwatch::dsp::synthesis::SynthesisPlan;
 use rotorwatch::dsp::tacho::Edge;
 use rotorwatch::dsp::tacho::Threshold;
 use rotorwatch::dsp::tsa::TsaPlan;
+use rotorwatch::dsp::wavelet::dwt::DwtPlan;
+use rotorwatch::dsp::wavelet::picture::WaveletScalogramPlan;
+use rotorwatch::dsp::wavelet::shape::Shape as WaveletShape;
+use rotorwatch::dsp::wavelet::shape::Wavelet;
+use rotorwatch::dsp::wavelet::taps::FilterBank;
 use rotorwatch::dsp::welch::WelchPlan;
 use rotorwatch::dsp::whiten::WhitenPlan;
 use rotorwatch::dsp::window::Shape;
@@ -352,6 +361,43 @@ fn synchronous<T: Real>(n: usize) {
     });
 }
 
+/// Pictures over time and frequency, and what goes with them.
+fn joint<T: Real>(n: usize) {
+    let x: Vec<T> = (0..n).map(|i| T::rounded((i as f64 * 0.37).sin() + 2.0)).collect();
+    let mut cache = FftCache::<T>::new();
+    let mut forward = ForwardPlan::new(n, &mut cache);
+    let mut x_hat = vec![Complex::default(); forward.n_bins()];
+    forward.process(&x, &mut x_hat);
+    let shape = WaveletShape::new(Wavelet::Haar).unwrap();
+    let mut picture =
+        WaveletScalogramPlan::new(shape, (n, FS_HZ), &[50.0, 90.0], 100, &mut cache).unwrap();
+    let mut out = zeros::<T>(picture.out_len());
+    assert_no_allocation("wavelet picture", n, || {
+        picture.process(&x_hat, Part::Modulus, &mut out);
+    });
+    for kernel in [Kernel::Delta, Kernel::Hann(9), Kernel::ChoiWilliams(1.0)] {
+        let spec =
+            JointSpec { kernel, n_lags: 6, is_lag_windowed: true, n_frequencies: 16, n_times: 5 };
+        let mut plan = JointPlan::new(n, FS_HZ, spec, &mut cache).unwrap();
+        let mut out = zeros::<T>(plan.out_len());
+        assert_no_allocation("bilinear", n, || plan.process(&x_hat, &mut out));
+    }
+    let bank = FilterBank::daubechies(4).unwrap();
+    let mut dwt = DwtPlan::new(bank, 4096, 5).unwrap();
+    let (mut c, mut back) = (zeros::<T>(4096), zeros::<T>(4096));
+    assert_no_allocation("dwt", n, || {
+        dwt.analyse(&x[..4096.min(n)], &mut c);
+        dwt.synthesise(&c, &mut back);
+    });
+    let mut plan = ComplexCepstrumPlan::new(n, 2 * n).unwrap();
+    let (mut c, mut back) = (zeros::<T>(2 * n), zeros::<T>(2 * n));
+    assert_no_allocation("complex cepstrum", n, || {
+        let removed = plan.process(&x, &mut c).unwrap();
+        plan.invert(&c, &removed, &mut back);
+        plan.minimum_phase(&x, &mut back).unwrap();
+    });
+}
+
 /// Kernels of pulses and of averages against their history.
 fn pulses_and_histories(n: usize) {
     let mut pulses_s: Vec<f64> = (0..n).map(|i| i as f64 * 0.01).collect();
@@ -392,6 +438,8 @@ fn main() {
         angle_domain(n);
         synchronous::<f32>(n);
         synchronous::<f64>(n);
+        joint::<f32>(n);
+        joint::<f64>(n);
         pulses_and_histories(n);
     }
 }

@@ -1,4 +1,4 @@
-//! Scalogram on demand, with the newest CWT features beside it.
+//! Scalogram on demand with any wavelet, with the newest CWT features beside it.
 
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
@@ -7,15 +7,19 @@ use super::spectra::MIN_WINDOW_SAMPLES;
 use super::state::{ApiState, channel, newest};
 use super::turning::{Turner, Watched, last_whole};
 use super::view::MachineView;
+use super::wire::joint::WaveletName;
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{AngleFrom, FeatureWire, ScalogramWire};
 use super::wire::{finite, finite_column};
 use crate::dsp::cwt::{CONE_SIGMA, DEFAULT_OMEGA0, Part, ScalogramPlan};
 use crate::dsp::fft::{FftCache, ForwardPlan};
+use crate::dsp::wavelet::picture::WaveletScalogramPlan;
+use crate::dsp::wavelet::shape::Shape;
 use crate::signal::{ChannelIndex, ChannelInfo};
 use axum::Json;
 use rustfft::num_complex::Complex;
 use serde::Deserialize;
+use std::f64::consts::TAU;
 use std::ops::Range;
 use utoipa::IntoParams;
 
@@ -27,6 +31,10 @@ const MAX_WORK: usize = 33_554_432;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct CwtQuery {
+    /// Mother wavelet; f is where its transform is largest. `morlet` tells lines apart, the others show when something happens.
+    #[serde(default)]
+    #[param(inline)]
+    wavelet: WaveletName,
     /// Length analysed, s.
     #[param(minimum = 0.001, maximum = 60.0, default = 1.0)]
     window_s: Option<f64>,
@@ -48,7 +56,7 @@ pub(super) struct CwtQuery {
     n_times: Option<usize>,
 }
 
-/// Gives the Morlet scalogram of the newest samples of a channel.
+/// Gives the scalogram of the newest samples of a channel.
 #[utoipa::path(
     get,
     path = "/api/v1/machines/{id}/channels/{name}/cwt",
@@ -79,7 +87,8 @@ pub(super) async fn cwt(
         Some(_) => Some(Turner::of_channel(&view, &name)?),
         None => None,
     };
-    let request = CwtRequest::new(&query, info, turner.as_ref())?;
+    let mother = Mother::new(query.wavelet)?;
+    let request = CwtRequest::new(&query, mother, info, turner.as_ref())?;
     let features = cwt_features(&view, ChannelIndex(index));
     let run = fetch(&state, &id, &name, query.end, request.n_window).await?;
     let watched = match turner {
@@ -94,12 +103,86 @@ pub(super) async fn cwt(
 /// A checked request.
 #[derive(Debug)]
 struct CwtRequest {
+    mother: Mother,
     n_window: usize,
     frequency_hz: Vec<f64>,
     /// Columns shown.
     n_times: usize,
     /// Whole revolutions that are shown, if so asked.
     revolutions: Option<usize>,
+}
+
+/// A wavelet that can be asked for.
+#[derive(Debug)]
+struct Mother {
+    name: WaveletName,
+    /// None for Morlet's.
+    shape: Option<Shape>,
+}
+
+/// The plan of a picture.
+enum Picture {
+    Morlet(ScalogramPlan<f32>),
+    Other(Box<WaveletScalogramPlan<f32>>),
+}
+
+impl Mother {
+    fn new(name: WaveletName) -> Result<Self, ApiError> {
+        let shape = match name.shape() {
+            Some(wavelet) => Some(Shape::new(wavelet).ok_or(ApiError::Internal)?),
+            None => None,
+        };
+        Ok(Self { name, shape })
+    }
+
+    fn centre_rad(&self) -> f64 {
+        self.shape.as_ref().map_or(DEFAULT_OMEGA0, Shape::peak_rad)
+    }
+
+    /// Half width of the cone of influence at f, times f.
+    fn cone_periods(&self) -> f64 {
+        self.shape.as_ref().map_or(CONE_SIGMA, |shape| shape.reach() * shape.peak_rad() / TAU)
+    }
+
+    fn plan(
+        self,
+        (n, fs_hz): (usize, f64),
+        f_hz: &[f64],
+        n_columns: usize,
+        cache: &mut FftCache<f32>,
+    ) -> Option<Picture> {
+        match self.shape {
+            Some(shape) => WaveletScalogramPlan::new(shape, (n, fs_hz), f_hz, n_columns, cache)
+                .map(|plan| Picture::Other(Box::new(plan))),
+            None => ScalogramPlan::new(n, fs_hz, f_hz, DEFAULT_OMEGA0, n_columns, cache)
+                .map(Picture::Morlet),
+        }
+    }
+}
+
+impl Picture {
+    fn out_len(&self) -> usize {
+        match self {
+            Self::Morlet(plan) => plan.out_len(),
+            Self::Other(plan) => plan.out_len(),
+        }
+    }
+
+    fn valid_columns(&self, row: usize) -> Range<usize> {
+        let valid = match self {
+            Self::Morlet(plan) => plan.valid_columns(row),
+            Self::Other(plan) => plan.valid_columns(row),
+        };
+        valid.unwrap_or(0..0)
+    }
+
+    /// |W| of every row.
+    fn process(&mut self, x_hat: &[Complex<f32>], out: &mut [f32]) {
+        match self {
+            Self::Morlet(plan) => plan.process(x_hat, Part::Modulus, out),
+            Self::Other(plan) => plan.process(x_hat, Part::Modulus, out),
+        }
+    }
 }
 
 /// What of a picture is shown.
@@ -112,6 +195,7 @@ struct Shown {
 impl CwtRequest {
     fn new(
         query: &CwtQuery,
+        mother: Mother,
         info: &ChannelInfo,
         turner: Option<&Turner>,
     ) -> Result<Self, ApiError> {
@@ -134,7 +218,7 @@ impl CwtRequest {
         let lowest_hz = query.min_hz.unwrap_or(usual_floor_hz).max(1.0 / window_s);
         let n_window = match turner {
             Some(turner) => {
-                let cone = 2.0 * CONE_SIGMA / lowest_hz * turner.speed.0;
+                let cone = 2.0 * mother.cone_periods() / lowest_hz * turner.speed.0;
                 turner.samples_of(info, revolutions as f64 + cone)
             }
             None => n_shown,
@@ -156,11 +240,11 @@ impl CwtRequest {
         let ratio = high_hz / low_hz;
         let frequency_hz =
             (0..n_rows).map(|row| low_hz * ratio.powf(row as f64 / (n_rows - 1) as f64)).collect();
-        Ok(Self { n_window, frequency_hz, n_times, revolutions: query.revolutions })
+        Ok(Self { mother, n_window, frequency_hz, n_times, revolutions: query.revolutions })
     }
 
     fn compute(
-        &self,
+        self,
         channel: String,
         run: &Run,
         features: Vec<FeatureWire>,
@@ -174,8 +258,8 @@ impl CwtRequest {
             None => (self.n_times, Shown { columns: 0..self.n_times, turning: None }),
         };
         let mut cache = FftCache::new();
-        let plan =
-            ScalogramPlan::new(n, fs_hz, &self.frequency_hz, DEFAULT_OMEGA0, n_columns, &mut cache);
+        let (wavelet, omega0_rad) = (self.mother.name, self.mother.centre_rad());
+        let plan = self.mother.plan((n, fs_hz), &self.frequency_hz, n_columns, &mut cache);
         let mut plan = plan.ok_or_else(|| {
             ApiError::NotFound(format!(
                 "only {n} contiguous samples of {channel:?} are held, too few for these frequencies"
@@ -185,11 +269,11 @@ impl CwtRequest {
         let mut x_hat = vec![Complex::new(0.0, 0.0); forward.n_bins()];
         forward.process(samples, &mut x_hat);
         let mut magnitude = vec![0.0_f32; plan.out_len()];
-        plan.process(&x_hat, Part::Modulus, &mut magnitude);
+        plan.process(&x_hat, &mut magnitude);
         let Shown { columns, turning } = shown;
         let step_s = n as f64 / fs_hz / n_columns as f64;
         let valid = |row| {
-            let valid = plan.valid_columns(row).unwrap_or(0..0);
+            let valid = plan.valid_columns(row);
             let (from, to) = (valid.start.max(columns.start), valid.end.min(columns.end));
             if from < to { [from - columns.start, to - columns.start] } else { [0, 0] }
         };
@@ -203,8 +287,8 @@ impl CwtRequest {
         Ok(ScalogramWire {
             channel,
             unit: info.unit.symbol().to_owned(),
-            wavelet: "morlet".to_owned(),
-            omega0_rad: DEFAULT_OMEGA0,
+            wavelet: wavelet.name(),
+            omega0_rad,
             start_sample: waveform.start,
             n_samples: n,
             validity: *validity,
@@ -229,7 +313,7 @@ impl CwtRequest {
         let (n, fs_hz) = (run.waveform.samples.len(), run.info.sample_rate.0);
         let turns = watched.turns(run.waveform.start_time_s)?;
         let lowest_hz = self.frequency_hz.first().copied().unwrap_or(fs_hz);
-        let margin_s = CONE_SIGMA / lowest_hz;
+        let margin_s = self.mother.cone_periods() / lowest_hz;
         let length_s = n as f64 / fs_hz;
         let wanted = self.revolutions.unwrap_or(1);
         let found = last_whole(&turns.track, (margin_s, length_s - margin_s), wanted);

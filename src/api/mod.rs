@@ -25,6 +25,7 @@ mod bins;
 mod recent;
 mod spectra;
 mod cwt;
+mod joint;
 mod orbit;
 mod alarms;
 mod acts;
@@ -108,6 +109,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(trends::component))
         .routes(routes!(spectra::spectrum))
         .routes(routes!(cwt::cwt))
+        .routes(routes!(joint::joint))
         .routes(routes!(orbit::orbit))
         .routes(routes!(alarms::list))
         .routes(routes!(alarms::history))

@@ -14,6 +14,7 @@ pub mod stability;
 pub mod clock;
 pub mod signal;
 pub mod monitor;
+pub mod thinning;
 
 use crate::simulator::scene::SceneErrors;
 use crate::simulator::simulation::AdvanceError;

@@ -7,6 +7,8 @@ use super::{BenchError, Tell};
 use crate::machine::Machine;
 use crate::machine::file;
 use crate::pipeline::{Monitor, Plans, Settings, SpeedHints};
+use crate::plot::Words;
+use crate::plot::log_log::{self, Series};
 use crate::signal::{Block, ChannelIndex, ChannelInfo, SampleIndex};
 use crate::units::{Hz, Unit};
 use cpu_time::ThreadTime;
@@ -54,9 +56,10 @@ impl Effort {
 }
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 9] = [
+pub const COLUMNS: [Column; 10] = [
     Column { name: "channels", width: 8 },
     Column { name: "cpu_ms_a_channel_s", width: 18 },
+    Column { name: "yardsticks", width: 10 },
     Column { name: "spread", width: 6 },
     Column { name: "channels_a_core", width: 15 },
     Column { name: "verdicts", width: 8 },
@@ -65,6 +68,22 @@ pub const COLUMNS: [Column; 9] = [
     Column { name: "ring_kb_a_channel", width: 17 },
     Column { name: "resident_kb_a_channel", width: 21 },
 ];
+
+/// Processor time of a channel against their number.
+#[must_use]
+pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
+    let points = rows.iter().filter_map(|row| match &row[..2] {
+        [Cell::Plain(channels, _), Cell::Plain(cost_ms, _)] => Some((*channels, *cost_ms)),
+        _ => None,
+    });
+    let series = [Series { name: "whole pipeline".to_owned(), points: points.collect() }];
+    let words = Words {
+        title: "Pipeline: processor time of a channel",
+        x: "channels",
+        y: "processor time a channel-second, ms",
+    };
+    log_log::log_log(&words, &series)
+}
 
 /// Measures each number of channels and hands on its row.
 ///
@@ -94,6 +113,7 @@ fn row(n_channels: usize, effort: &Effort) -> Result<Vec<Cell>, BenchError> {
         resident_kb = resident_kb.max(resident_kb_now() - before_kb);
         drop(monitors);
     }
+    let yardstick_s = clock::round_s(&mut clock::Yardstick::new(), 0.02);
     let cost_s = clock::median(&mut costs_s);
     let spread = (costs_s[costs_s.len() - 1] - costs_s[0]) / cost_s;
     latencies_s.sort_by(f64::total_cmp);
@@ -102,6 +122,7 @@ fn row(n_channels: usize, effort: &Effort) -> Result<Vec<Cell>, BenchError> {
     Ok(vec![
         Cell::Plain(n_channels as f64, 0),
         Cell::Plain(1e3 * cost_s, 3),
+        Cell::Plain(cost_s / yardstick_s, 0),
         Cell::Plain(spread, 2),
         Cell::Plain(1.0 / cost_s, 0),
         Cell::Plain((latencies_s.len() / effort.n_rounds) as f64, 0),

@@ -74,15 +74,21 @@ pub fn stepped(setting: &Setting, step_s: f64, seconds: f64, is_aligned: bool) -
 /// not open.
 #[must_use]
 pub fn ported(setting: &Setting, step_s: f64, seconds: f64, cuts: bool) -> Option<Record> {
+    let mut run = port_run(setting, step_s, cuts)?;
+    let mut values = vec![Vec::new(); setting.bearings.len() + setting.sensors.len()];
+    run.fill(steps(seconds, step_s), &mut values);
+    Some(record(setting, step_s, values))
+}
+
+/// That way before its first step, watched by every bearing and sensor.
+#[must_use]
+pub fn port_run(setting: &Setting, step_s: f64, cuts: bool) -> Option<PortRun> {
     let state = setting.state.as_ref().map(|(q, v)| (&q[..], &v[..]));
     let all = setting.bearings.iter().chain(&setting.sensors);
     let watches: Vec<Sensed> =
         all.map(|watch| Sensed { watch: watch.clone(), corner_hz: None }).collect();
     let run = PortRun::new(&setting.model, step_s, 0, state)?;
-    let mut run = run.watching(&watches, 1).cutting_at_contact(cuts);
-    let mut values = vec![Vec::new(); watches.len()];
-    run.fill(steps(seconds, step_s), &mut values);
-    Some(record(setting, step_s, values))
+    Some(run.watching(&watches, 1).cutting_at_contact(cuts))
 }
 
 fn record(setting: &Setting, step_s: f64, mut values: Vec<Vec<f64>>) -> Record {

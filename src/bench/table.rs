@@ -26,7 +26,9 @@ pub enum Cell {
 }
 
 impl Cell {
-    fn text(&self) -> String {
+    /// As text.
+    #[must_use]
+    pub fn text(&self) -> String {
         match self {
             Self::Text(text) => text.clone(),
             Self::Number(number, figures) => format!("{number:.figures$e}"),

@@ -11,14 +11,17 @@ use crate::bench::computer::Computer;
 use crate::bench::monitor;
 use crate::bench::signal;
 use crate::bench::simulator::Effort;
+use crate::bench::simulator::precision;
+use crate::bench::stability::Search;
 use crate::bench::stability::rows::Row;
 use crate::bench::table;
 use crate::bench::table::Cell;
 use crate::bench::table::Column;
+use crate::html;
+use crate::plot::escaped;
 use clap::Args;
 use clap::ValueEnum;
 use serde_json::Value;
-use serde_json::json;
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -34,16 +37,20 @@ Examples:
   rotorwatch bench monitor
   rotorwatch bench monitor --channels 100 --seconds 20
 
-simulator: error and processor time of classes of scenes at several accuracies asked for (minutes).
-stability: the simulator's hard cases against what is known of them (a minute).
+simulator: error and processor time of classes of scenes at several accuracies asked for, then of several methods and
+steps, with what is chosen among them (minutes).
+stability: hard cases against what is known of them, then 10 000 scenes and 2000 signals at random, and both ends of every
+number of a file (half an hour); --scenes 1 --first-seed N has one scene again, and with
+--out its file.
 signal: error and processor time of every transform in f32 and f64, and channels a core (a minute).
-monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory (a minute); with --channels the
+monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory; then verdicts on trials with known answers
+where windows and rates are thinned (minutes); with --channels the
 daemon itself on what a sender streams in real time, 10 kHz each: processor time, latency, memory, and whether the
 ledger is exact.
-With --out the tables are also written there as CSV and JSON, simulator and signal as a plot (SVG).
+With --out the tables are also written there as CSV, JSON and one page (HTML), simulator and signal as a plot (SVG).
 docs/performance.md says what the columns mean.
 
-Exit codes: 0 done; 2 a row of stability does not hold, or a bench could not be run.";
+Exit codes: 0 done; 1 a row of stability does not hold, or a ledger is not exact; 2 a bench could not be run.";
 
 /// Arguments of `bench`.
 #[derive(Debug, Args)]
@@ -64,6 +71,15 @@ pub struct Arguments {
     /// monitor: only receive, buffer and count; one channel of each hundred is judged.
     #[arg(long, requires = "channels")]
     pub receive_only: bool,
+    /// stability: scenes and signals at random begin with this number.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first_seed: u64,
+    /// stability: so many scenes at random, and nothing else.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    pub scenes: Option<u64>,
+    /// A part that takes some minutes, for every change.
+    #[arg(long, conflicts_with = "quick")]
+    pub thinned: bool,
     /// One round of one job of `signal` in f32, as an object, and another for every line of stdin: for
     /// comparisons by turns.
     #[arg(long, value_name = "NAME", hide = true)]
@@ -71,6 +87,19 @@ pub struct Arguments {
     /// A small part, to see that it works.
     #[arg(long, hide = true)]
     pub quick: bool,
+}
+
+impl Arguments {
+    /// The effort asked for: of a second, of minutes, or the whole.
+    fn effort<E>(&self, [quick, thinned, whole]: [E; 3]) -> E {
+        if self.quick {
+            quick
+        } else if self.thinned {
+            thinned
+        } else {
+            whole
+        }
+    }
 }
 
 /// What can be measured.
@@ -105,22 +134,25 @@ enum Failure {
     Missed { n: usize, total: usize },
 }
 
-/// Measures; exit code 0, or 2 on any mistake.
+/// An error if rows do not hold.
+fn none_missed(n: usize, total: usize) -> Result<(), Failure> {
+    if n > 0 { Err(Failure::Missed { n, total }) } else { Ok(()) }
+}
+
+/// Measures; exit code 0, 1 if something does not hold, or 2 on any mistake.
 #[must_use]
 pub fn run(arguments: &Arguments) -> ExitCode {
     match measure(arguments) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(failure @ Failure::Missed { .. }) => {
+            super::tell(&failure);
+            ExitCode::from(1)
+        }
         Err(failure) => super::fail(&failure),
     }
 }
 
 fn measure(arguments: &Arguments) -> Result<(), Failure> {
-    let bench = match arguments.bench {
-        Bench::Simulator => bench_simulator,
-        Bench::Stability => bench_stability,
-        Bench::Signal => bench_signal,
-        Bench::Monitor => bench_monitor,
-    };
     if let Some(name) = &arguments.job {
         return job(name, arguments);
     }
@@ -135,7 +167,21 @@ fn measure(arguments: &Arguments) -> Result<(), Failure> {
         let load = bench_live::Load { n_channels, seconds, receive_only };
         return bench_streamed(load, arguments.out.as_deref());
     }
-    bench(arguments.out.as_deref(), arguments.quick)
+    let out = arguments.out.as_deref();
+    match arguments.bench {
+        Bench::Simulator => bench_simulator(out, arguments),
+        Bench::Stability => bench_stability(out, &search(arguments)),
+        Bench::Signal => bench_signal(out, arguments),
+        Bench::Monitor => bench_monitor(out, arguments),
+    }
+}
+
+fn search(arguments: &Arguments) -> Search {
+    let usual = arguments.effort([Search::QUICK, Search::THINNED, Search::WHOLE]);
+    match arguments.scenes {
+        Some(n_scenes) => Search::of_scenes(arguments.first_seed, n_scenes),
+        None => Search { first_seed: arguments.first_seed, ..usual },
+    }
 }
 
 fn bench_streamed(load: bench_live::Load, out: Option<&Path>) -> Result<(), Failure> {
@@ -143,12 +189,12 @@ fn bench_streamed(load: bench_live::Load, out: Option<&Path>) -> Result<(), Fail
     let row = bench_live::run(load)?;
     page.row(&row)?;
     let is_exact = !row.contains(&Cell::Flag(false));
-    page.write("live", out, &bench_live::settings(load), &[row])?;
-    if is_exact { Ok(()) } else { Err(Failure::Missed { n: 1, total: 1 }) }
+    page.write("live", out, &bench_live::settings(load), &[row], &[])?;
+    none_missed(usize::from(!is_exact), 1)
 }
 
-fn bench_simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
-    let effort = if quick { Effort::QUICK } else { Effort::WHOLE };
+fn bench_simulator(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
     let folder = tempfile::tempdir()
         .map_err(|source| Failure::Folder { folder: std::env::temp_dir(), source })?;
     let capture = folder.path().join("bench.h5");
@@ -158,39 +204,63 @@ fn bench_simulator(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
         written.map_err(Into::into)
     };
     let rows = bench::simulator::run(&effort, &mut record, &mut |row| page.row(row))?;
-    page.write("simulator", out, &effort.json(), &rows)?;
-    match (out, bench::simulator::plot(&rows)) {
-        (Some(folder), Some(svg)) => file(&folder.join("simulator.svg"), &svg),
-        (None, _) | (_, None) => Ok(()),
-    }
+    let plots: Vec<String> = bench::simulator::plot(&rows).into_iter().collect();
+    page.write("simulator", out, &effort.json(), &rows, &plots)?;
+    let (missed, total) = bench_methods(out, arguments)?;
+    none_missed(bench::simulator::n_missed(&rows) + missed, rows.len() + total)
 }
 
-fn bench_stability(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
-    let n_cases = if quick { 2 } else { usize::MAX };
+/// Methods and steps against each other: how many choices miss their accuracy, of how many rows.
+fn bench_methods(out: Option<&Path>, arguments: &Arguments) -> Result<(usize, usize), Failure> {
+    use precision::Effort;
+    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
+    let mut page = Page::begin(&precision::COLUMNS)?;
+    let rows = precision::run(&effort, &mut |row| page.row(row))?;
+    let plots = precision::plots(&rows);
+    page.write("methods", out, &effort.json(), &rows, &plots)?;
+    Ok((precision::n_missed(&rows), rows.len()))
+}
+
+fn bench_stability(out: Option<&Path>, search: &Search) -> Result<(), Failure> {
     let mut page = Page::begin(&Row::COLUMNS)?;
-    let rows = bench::stability::run(n_cases, &mut |row| page.row(row))?;
+    let rows = bench::stability::run(search, &mut |row| page.row(row))?;
     let cells: Vec<Vec<Cell>> = rows.iter().map(Row::cells).collect();
-    page.write("stability", out, &json!({}), &cells)?;
-    let n = rows.iter().filter(|row| !row.holds()).count();
-    if n > 0 { Err(Failure::Missed { n, total: rows.len() }) } else { Ok(()) }
+    if let (Some(folder), 1) = (out, search.n_scenes) {
+        // One that is to be looked at.
+        let drawn = bench::stability::drawn::scene(search.first_seed);
+        file(&folder.join(format!("scene-{}.toml", search.first_seed)), &drawn.text)?;
+    }
+    page.write("stability", out, &search.json(), &cells, &[])?;
+    none_missed(rows.iter().filter(|row| !row.holds()).count(), rows.len())
 }
 
-fn bench_signal(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
-    let effort = if quick { signal::Effort::QUICK } else { signal::Effort::WHOLE };
+fn bench_signal(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    use signal::Effort;
+    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
     let mut page = Page::begin(&signal::COLUMNS)?;
     let rows = signal::run(&effort, &mut |row| page.row(row))?;
-    page.write("signal", out, &effort.json(), &rows)?;
-    match (out, signal::plot(&rows)) {
-        (Some(folder), Some(svg)) => file(&folder.join("signal.svg"), &svg),
-        (None, _) | (_, None) => Ok(()),
-    }
+    let plots: Vec<String> = signal::plot(&rows).into_iter().collect();
+    page.write("signal", out, &effort.json(), &rows, &plots)?;
+    none_missed(signal::n_missed(&rows), rows.len())
 }
 
-fn bench_monitor(out: Option<&Path>, quick: bool) -> Result<(), Failure> {
-    let effort = if quick { monitor::Effort::QUICK } else { monitor::Effort::WHOLE };
+fn bench_monitor(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    use monitor::Effort;
+    let effort = arguments.effort([Effort::QUICK, Effort::QUICK, Effort::WHOLE]);
     let mut page = Page::begin(&monitor::COLUMNS)?;
     let rows = monitor::run(&effort, &mut |row| page.row(row))?;
-    page.write("monitor", out, &effort.json(), &rows)
+    let plots: Vec<String> = monitor::plot(&rows).into_iter().collect();
+    page.write("monitor", out, &effort.json(), &rows, &plots)?;
+    bench_thinning(out, arguments)
+}
+
+/// What is lost when the analysis is thinned.
+fn bench_thinning(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    use bench::thinning::{COLUMNS, Effort};
+    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
+    let mut page = Page::begin(&COLUMNS)?;
+    let rows = bench::thinning::run(&effort, &mut |row| page.row(row))?;
+    page.write("thinning", out, &effort.json(), &rows, &[])
 }
 
 /// Rounds of one job of `signal`: one, and one for every line of stdin.
@@ -235,18 +305,40 @@ impl Page {
         self.stdout.write(&text).map_err(|error| BenchError::Write(Box::new(error)))
     }
 
-    /// Writes `NAME.csv` and `NAME.json` into the folder, if there is one.
+    /// Writes `NAME.csv`, `.json`, `.html` and, with plots, `.svg`, `-2.svg` … into the folder, if there is one.
     fn write(
         &self,
         name: &str,
         out: Option<&Path>,
         settings: &Value,
         rows: &[Vec<Cell>],
+        plots: &[String],
     ) -> Result<(), Failure> {
         let Some(folder) = out else { return Ok(()) };
+        for (i, svg) in plots.iter().enumerate() {
+            let number = if i == 0 { String::new() } else { format!("-{}", i + 1) };
+            file(&folder.join(format!("{name}{number}.svg")), svg)?;
+        }
         let json = table::json(name, (&self.computer, settings), self.columns, rows);
+        file(&folder.join(format!("{name}.html")), &self.page(name, plots, rows))?;
         file(&folder.join(format!("{name}.csv")), &table::csv(self.columns, rows))?;
         file(&folder.join(format!("{name}.json")), &json)
+    }
+}
+
+impl Page {
+    /// The table and its plots as one page.
+    fn page(&self, name: &str, plots: &[String], rows: &[Vec<Cell>]) -> String {
+        let title = format!("rotorwatch bench {name}");
+        let heading: Vec<&str> = self.columns.iter().map(|column| column.name).collect();
+        let cells = |row: &Vec<Cell>| row.iter().map(|cell| escaped(&cell.text())).collect();
+        let body = format!(
+            "<h1>{title}</h1>\n<p class=\"soft\">{}</p>\n{}\n{}",
+            escaped(&self.computer.line()),
+            plots.join("\n"),
+            html::table(&heading, rows.iter().map(cells))
+        );
+        html::document(&title, &body)
     }
 }
 

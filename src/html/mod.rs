@@ -52,6 +52,21 @@ pub fn document(title: &str, body: &str) -> String {
     )
 }
 
+/// A table; heading and cells are text and HTML.
+#[must_use]
+pub fn table(heading: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let cells = |cells: &mut dyn Iterator<Item = String>, tag: &str| {
+        cells.map(|cell| format!("<{tag}>{cell}</{tag}>")).collect::<String>()
+    };
+    let mut out = "<div class=\"wide\"><table>\n".to_owned();
+    let heading = cells(&mut heading.iter().map(|h| escaped(h)), "th");
+    out.push_str(&format!("<tr>{heading}</tr>\n"));
+    for row in rows {
+        out.push_str(&format!("<tr>{}</tr>\n", cells(&mut row.into_iter(), "td")));
+    }
+    out + "</table></div>\n"
+}
+
 /// The page of a diagnosis.
 #[must_use]
 pub fn page(subject: &Subject<'_>) -> String {

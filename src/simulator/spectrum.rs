@@ -38,7 +38,7 @@ impl Spectrum {
         let inverse = vectors.clone().try_inverse()?;
         let largest = triangle.diagonal().iter().map(|x| x.norm()).fold(0.0, f64::max);
         let image = &complex * &vectors;
-        let mut kept: Vec<(usize, Complex<f64>)> = Vec::new();
+        let mut kept: Vec<(usize, Complex<f64>, f64)> = Vec::new();
         for i in 0..n {
             // The two-sided Rayleigh quotient: exact to second order in the errors of both vectors.
             let value = inverse.row(i).transpose().dot(&image.column(i));
@@ -48,14 +48,17 @@ impl Spectrum {
                 return None;
             }
             if value.im > REAL * largest {
-                kept.push((i, value));
+                // It stands for its conjugate too.
+                kept.push((i, value, 2.0));
             } else if value.im >= -REAL * largest {
-                return None; // an overdamped motion has no conjugate to stand for
+                // An overdamped motion, by itself.
+                kept.push((i, Complex::new(value.re, 0.0), 1.0));
             }
         }
-        (2 * kept.len() == n).then(|| Self {
-            values: kept.iter().map(|(_, value)| *value).collect(),
-            right: DMatrix::from_fn(n, kept.len(), |i, k| vectors[(i, kept[k].0)] * 2.0),
+        let n_found: f64 = kept.iter().map(|(_, _, times)| times).sum();
+        (n_found.total_cmp(&(n as f64)).is_eq()).then(|| Self {
+            values: kept.iter().map(|(_, value, _)| *value).collect(),
+            right: DMatrix::from_fn(n, kept.len(), |i, k| vectors[(i, kept[k].0)] * kept[k].2),
             left: DMatrix::from_fn(kept.len(), n, |k, j| inverse[(kept[k].0, j)]),
         })
     }

@@ -91,7 +91,15 @@ impl Trial {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn diagnose(&self) -> Result<Option<Diagnosis>, MonitorError> {
-        let (monitor, outcomes) = self.measured.run(self.baseline.clone())?;
+        self.diagnose_in(WINDOW_S)
+    }
+
+    /// The same, judged in windows of this length one behind the other, s.
+    ///
+    /// # Errors
+    /// When no sensor of the machine has a channel.
+    pub fn diagnose_in(&self, window_s: f64) -> Result<Option<Diagnosis>, MonitorError> {
+        let (monitor, outcomes) = self.measured.run(self.baseline.clone(), window_s)?;
         let judged: Vec<_> = outcomes.into_iter().map(|o| o.judged).collect();
         Ok(monitor.conclude(&judged))
     }
@@ -103,14 +111,17 @@ impl Measured {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn learn(&self, name: &str) -> Result<Record, MonitorError> {
-        let (monitor, outcomes) = self.run(Baseline::default())?;
+        let (monitor, outcomes) = self.run(Baseline::default(), WINDOW_S)?;
         let windows: Vec<_> = outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
         Ok(Record::of_windows(name, &windows, monitor.channels()))
     }
 
-    fn run(&self, baseline: Baseline) -> Result<(Monitor, Vec<Outcome>), MonitorError> {
-        let settings =
-            Settings { window_s: WINDOW_S, hop_s: WINDOW_S, baseline, ..Settings::default() };
+    fn run(
+        &self,
+        baseline: Baseline,
+        window_s: f64,
+    ) -> Result<(Monitor, Vec<Outcome>), MonitorError> {
+        let settings = Settings { window_s, hop_s: window_s, baseline, ..Settings::default() };
         let machine = Arc::clone(&self.machine);
         let mut monitor = Monitor::new(machine, self.channels.clone(), self.hints, &settings)?;
         let mut outcomes = Vec::new();

@@ -41,8 +41,29 @@ fn the_simulator_keeps_the_accuracy_asked_for() {
         assert!(number("reference_error") < 0.1 * number("requested"), "{row}");
         assert!(number("cpu_s_per_s") > 0.0 && number("setup_cpu_s") > 0.0, "{row}");
     }
+    let page = fs::read_to_string(out.join("simulator.html")).unwrap();
+    assert!(page.contains("<svg ") && page.contains("<th>cpu_s_per_s</th>"));
+    methods_are_compared(&out);
     let svg = fs::read_to_string(out.join("simulator.svg")).unwrap();
     assert!(svg.starts_with("<svg ") && svg.matches("<polyline ").count() == 2, "{svg}");
+}
+
+/// The second table: each method at each step, and what is chosen.
+fn methods_are_compared(out: &Path) {
+    let rows = rows(out, "methods");
+    let of = |name: &str| -> Vec<&Value> {
+        rows.iter().filter(|row| row["method"].as_str().unwrap().starts_with(name)).collect()
+    };
+    for name in ["shipped", "ETDRK4", "RK4", "Newmark", "generalised", "extrapolation", "chosen"] {
+        assert!(!of(name).is_empty(), "{name}");
+    }
+    for row in of("chosen") {
+        assert!(row["error"].as_f64() <= row["automatic"].as_f64(), "{row}");
+    }
+    for row in &rows {
+        assert!(row["cost_over_best"].as_f64() >= Some(1.0), "{row}");
+    }
+    assert!(fs::read_to_string(out.join("methods.html")).unwrap().contains("<svg "));
 }
 
 #[test]
@@ -56,6 +77,32 @@ fn hard_cases_are_a_table() {
     assert!(rows.len() > 5 && rows.iter().all(|row| row["pass"] == true), "{rows:?}");
     let name = rows[0]["case"].as_str().unwrap();
     assert!(ended.stdout.contains(name), "{}", ended.stdout);
+    for row in &rows {
+        assert!(!row["reason"].as_str().unwrap().is_empty(), "{row}");
+        let (measured, tolerance) = (row["measured"].as_f64(), row["tolerance"].as_f64());
+        assert!(measured <= tolerance, "{row}");
+    }
+    let of =
+        |part: &str| rows.iter().filter(|r| r["case"].as_str().unwrap().contains(part)).count();
+    assert!(of("at random") >= 2 && of("ends of ranges") >= 2 && of("and back") >= 3, "{rows:?}");
+    let page = fs::read_to_string(dir.path().join("stability.html")).unwrap();
+    assert!(page.starts_with("<!DOCTYPE html>") && page.contains("<th>reason</th>"), "{page}");
+    assert!(!page.contains("http://") || !page.contains("<script"), "nothing from elsewhere");
+}
+
+#[test]
+fn one_scene_of_the_search_can_be_had_again() {
+    let dir = TempDir::new().unwrap();
+    let mut command = support::command();
+    command.args(["bench", "stability", "--scenes", "1", "--first-seed", "42", "--out"]);
+    let ended = support::run(command.arg(dir.path()));
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+    let rows = rows(dir.path(), "stability");
+    assert!(rows.iter().all(|row| row["case"].as_str().unwrap().contains("at random")), "{rows:?}");
+    let text = fs::read_to_string(dir.path().join("stability.json")).unwrap();
+    let document: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(document["settings"]["first_seed"], 42);
+    assert!(fs::read_to_string(dir.path().join("scene-42.toml")).unwrap().contains("[scene]"));
 }
 
 #[test]
@@ -77,17 +124,11 @@ fn every_transform_has_a_time_and_keeps_its_error() {
             );
             continue;
         };
-        // What docs/performance.md promises: of f32 the rounding, and of an envelope its square and
-        // a division; f64 far below, but for the mode that leaves out on purpose.
-        let largest = match (is_coarse, row["precision"].as_str().unwrap()) {
-            (true, _) => 1e-3,
-            // A difference of logarithms near 0.
-            (false, "f32") if row["job"] == "infogram" => 1e-5,
-            (false, "f32") => 1e-6,
-            // Its support is cut at the same place in both precisions; this recording has little there.
-            (false, _) if row["job"] == "morlet" => 1e-10,
-            (false, _) => 1e-11,
-        };
+        let largest = row["limit"].as_f64().unwrap();
+        assert!(
+            largest <= if row["precision"] == "f32" || is_coarse { 1e-3 } else { 1e-10 },
+            "{row}"
+        );
         // One number may be the same in both.
         assert!((error > 0.0 || row["job"] == "speed") && error <= largest, "{row}");
         n_errors += 1;

@@ -23,6 +23,7 @@ macro_rules! cases {
         #[test]
         fn every_case_is_a_test() {
             assert_eq!(CASES.len(), [$(stringify!($name)),+].len());
+            assert!(CASES.iter().all(|(_, reason)| !reason.is_empty()));
         }
     };
 }

@@ -172,7 +172,7 @@ async fn every_described_path_is_served() {
         }
         n_paths += 1;
     }
-    assert_eq!(n_paths, 47);
+    assert_eq!(n_paths, 48);
 }
 
 #[test]

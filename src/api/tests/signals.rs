@@ -205,6 +205,72 @@ async fn scalogram_of_a_sine_stands_at_its_frequency_with_its_amplitude() {
 }
 
 #[tokio::test]
+async fn every_wavelet_reads_a_sine_at_its_frequency() {
+    let service = Service::new();
+    for (wavelet, tolerance) in
+        [("mexican_hat", 1e-3), ("haar", 1e-3), ("db4", 1e-3), ("bior2.4", 1e-3)]
+    {
+        let path = format!(
+            "{CHANNELS}/right_x/cwt?wavelet={wavelet}&min_hz=64&max_hz=256&n_frequencies=3&n_times=20"
+        );
+        let scalogram = service.get(&path).await.json();
+        assert_eq!(scalogram["wavelet"], wavelet);
+        // 2·sin(2π·64t): whole periods of it and of the window.
+        let value = scalogram["magnitude"][0][10].as_f64().unwrap();
+        assert!((value - 2.0).abs() < tolerance, "{wavelet}: {value}");
+        assert!(scalogram["magnitude"][2][10].as_f64().unwrap() < 1.9, "{wavelet}");
+    }
+    let path = format!("{CHANNELS}/right_x/cwt?wavelet=db3");
+    assert!(service.get(&path).await.problem(400).contains("`bior4.4`"));
+}
+
+#[tokio::test]
+async fn every_distribution_shows_a_sine_at_its_frequency() {
+    let service = Service::new();
+    for kind in
+        ["wigner_ville", "pseudo_wigner_ville", "smoothed_pseudo_wigner_ville", "choi_williams"]
+    {
+        let path = format!(
+            "{CHANNELS}/right_x/joint?kind={kind}&window_s=0.25&n_times=9&n_frequencies=1024"
+        );
+        let joint = service.get(&path).await.json();
+        assert_eq!((&joint["kind"], &joint["unit"]), (&kind.into(), &"(m/s^2)^2/Hz".into()));
+        let f = column(&joint, "frequency_hz");
+        let rows = joint["value"].as_array().unwrap();
+        assert_eq!((rows.len(), column(&joint, "time_s").len()), (f.len(), 9));
+        let middle = |row: &Value| row[4].as_f64().unwrap();
+        let top = (0..f.len()).max_by(|a, b| middle(&rows[*a]).total_cmp(&middle(&rows[*b])));
+        let width = joint["bin_width_hz"].as_f64().unwrap();
+        assert!((f[top.unwrap()] - 64.0).abs() <= width, "{kind}: {}", f[top.unwrap()]);
+        if joint["decimated"] == false {
+            // A line of amplitude 2 has 4: the time marginal is the power of the analytic signal.
+            let power: f64 = rows.iter().map(|row| middle(row) * width).sum();
+            assert!((power - 4.0).abs() < 1e-3, "{kind}: {power}");
+        }
+    }
+    for (query, part) in [
+        ("kind=wigner", "`choi_williams`"),
+        ("kind=wigner_ville&lag_s=0.1", "every lag"),
+        ("kind=choi_williams&sigma=0", "0.001 to"),
+        ("sigma=1", "choi_williams"),
+        ("kind=choi_williams&smoothing_s=0.1", "smoothed_pseudo"),
+        ("window_s=0.001", "16 to 16384"),
+        ("window_s=6", "16 to 16384"),
+        ("kind=wigner_ville&window_s=3", "smaller window_s"),
+        ("kind=pseudo_wigner_ville&window_s=3&lag_s=2", "smaller lag_s"),
+        ("kind=choi_williams&window_s=3&lag_s=1", "smaller window_s or lag_s"),
+        ("lag_s=-1", "0 to 60"),
+        ("n_times=1", "2 to 512"),
+        ("n_frequencies=1025", "2 to 1024"),
+        ("min_hz=100.1&max_hz=100.2", "longer lag_s"),
+        ("min_hz=100&max_hz=50", "below max_hz"),
+    ] {
+        let detail = service.get(&format!("{CHANNELS}/right_x/joint?{query}")).await.problem(400);
+        assert!(detail.contains(part), "{query}: {detail}");
+    }
+}
+
+#[tokio::test]
 async fn trend_thins_selects_and_keeps_what_is_not_finite_out() {
     let service = Service::new();
     let trend = service.get(&format!("{CHANNELS}/right_x/trend?max_points=10")).await.json();
@@ -269,7 +335,7 @@ async fn unknown_machines_and_channels_name_what_exists() {
         let detail = service.get(&format!("/api/v1/machines/rig-2{part}")).await.problem(404);
         assert!(detail.contains("rig-2") && detail.contains("rig-1"), "{detail}");
     }
-    for part in ["waveform", "spectrum", "cwt", "trend"] {
+    for part in ["waveform", "spectrum", "cwt", "joint", "trend"] {
         let detail = service.get(&format!("{CHANNELS}/left_x/{part}")).await.problem(404);
         assert!(detail.contains("right_x, right_y, probe, zero"), "{detail}");
     }
@@ -294,7 +360,7 @@ async fn a_form_nobody_has_is_refused() {
 async fn a_shard_that_is_busy_or_silent_gives_503_with_retry_after() {
     for behaviour in [Behaviour::Full, Behaviour::Silent] {
         let service = Service::with(behaviour, |s| s.reply_timeout = Duration::from_millis(10));
-        for part in ["waveform", "spectrum", "cwt", "trend"] {
+        for part in ["waveform", "spectrum", "cwt", "joint", "trend"] {
             let answer = service.get(&format!("{CHANNELS}/right_x/{part}")).await;
             answer.problem(503);
             assert_eq!(answer.header("retry-after"), "1");
@@ -308,7 +374,7 @@ async fn a_shard_that_is_busy_or_silent_gives_503_with_retry_after() {
 async fn spectra_are_refused_while_others_are_computed() {
     let service = Service::new();
     let held = Arc::clone(&service.state.computations).try_acquire_many_owned(2).unwrap();
-    for part in ["spectrum", "cwt"] {
+    for part in ["spectrum", "cwt", "joint"] {
         let answer = service.get(&format!("{CHANNELS}/right_x/{part}")).await;
         assert!(answer.problem(503).contains("other spectra"));
         assert_eq!(answer.header("retry-after"), "1");

@@ -12,6 +12,7 @@ pub mod bearings;
 pub mod maintenance;
 pub mod machines;
 pub mod signals;
+pub mod joint;
 pub mod orbit;
 pub mod alarms;
 pub mod audit;

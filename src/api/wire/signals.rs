@@ -258,9 +258,9 @@ pub struct ScalogramWire {
     pub channel: String,
     /// Unit of `magnitude`.
     pub unit: String,
-    /// `morlet`.
+    /// The wavelet.
     pub wavelet: String,
-    /// Centre frequency of the wavelet, rad.
+    /// Centre frequency of the wavelet, rad: where its transform is largest.
     pub omega0_rad: f64,
     /// First sample used.
     pub start_sample: u64,

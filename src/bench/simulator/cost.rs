@@ -2,6 +2,7 @@
 
 use super::Record;
 use crate::bench::BenchError;
+use crate::bench::clock::{self, Yardstick, median};
 use crate::simulator::build::Plan;
 use crate::simulator::scene::Scene;
 use crate::simulator::simulation::{Samples, Simulation};
@@ -24,6 +25,8 @@ pub struct Cost {
     pub run_s_per_s: f64,
     /// (Slowest − fastest) ÷ median of that.
     pub spread: f64,
+    /// The same in yardsticks ([`Yardstick`]) of the same time.
+    pub yardsticks: f64,
     /// A simulated second, written into a capture, s.
     pub written_s_per_s: f64,
 }
@@ -40,12 +43,15 @@ pub(super) fn measure(
     let first_s = part(&mut trial, PARTS_S.0)?;
     let second_s = part(&mut trial, PARTS_S.0)?.min(first_s).max(1e-9);
     let seconds = (PARTS_S.0 * repeat_s / second_s).clamp(PARTS_S.0, PARTS_S.1);
-    let (mut setups_s, mut runs_s) = (Vec::new(), Vec::new());
+    let mut yardstick = Yardstick::new();
+    let (mut setups_s, mut runs_s, mut yardsticks) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..n_repeats {
         let begun = ProcessTime::now();
         let mut simulation = Simulation::new(scene, scene.seed)?;
         setups_s.push(begun.elapsed().as_secs_f64());
-        runs_s.push(part(&mut simulation, seconds)? / seconds);
+        let run_s = part(&mut simulation, seconds)? / seconds;
+        runs_s.push(run_s);
+        yardsticks.push(run_s / clock::round_s(&mut yardstick, 0.1 * repeat_s));
     }
     let mut written_s = Vec::new();
     let mut short = scene.clone();
@@ -62,6 +68,7 @@ pub(super) fn measure(
         seconds,
         setup_s: median(&mut setups_s),
         run_s_per_s,
+        yardsticks: median(&mut yardsticks),
         // Sorted by now.
         spread: (runs_s[runs_s.len() - 1] - runs_s[0]) / run_s_per_s,
         written_s_per_s: median(&mut written_s),
@@ -78,10 +85,4 @@ fn part(simulation: &mut Simulation, seconds: f64) -> Result<f64, BenchError> {
         Ok::<(), Infallible>(())
     })?;
     Ok(begun.elapsed().as_secs_f64())
-}
-
-/// Sorts, and gives the middle.
-fn median(times_s: &mut [f64]) -> f64 {
-    times_s.sort_by(f64::total_cmp);
-    times_s[times_s.len() / 2]
 }

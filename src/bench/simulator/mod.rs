@@ -1,9 +1,12 @@
 //! Speed against error of the simulator: classes of scenes at several accuracies asked for.
 //!
-//! `error` compares the beginning of a record, its start included, with the reference, `cost` measures processor time.
+//! `error` compares the beginning of a record, its start included, with the reference, `cost` measures processor time, `precision` compares methods and
+//! steps, those of others (`steppers`) among them.
 
 mod cost;
 mod error;
+pub mod precision;
+mod steppers;
 
 use super::scenes::{self, A3};
 use super::table::{Cell, Column};
@@ -48,6 +51,16 @@ impl Effort {
         repeat_s: 0.2,
     };
 
+    /// Minutes of work, for every change: the errors of every class.
+    pub const THINNED: Self = Self {
+        accuracies: &[1e-3, 1e-5],
+        compared_s: 0.02,
+        tolerances: [1e-11, 1e-9],
+        n_repeats: 1,
+        repeat_s: 0.005,
+        ..Self::WHOLE
+    };
+
     /// Seconds of work: shows that it works.
     pub const QUICK: Self = Self {
         accuracies: &[1e-3, 1e-4],
@@ -71,7 +84,7 @@ impl Effort {
 }
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 17] = [
+pub const COLUMNS: [Column; 18] = [
     Column { name: "scene", width: 24 },
     Column { name: "requested", width: 9 },
     Column { name: "step_us", width: 8 },
@@ -84,6 +97,7 @@ pub const COLUMNS: [Column; 17] = [
     Column { name: "expected_error", width: 0 },
     Column { name: "setup_cpu_s", width: 8 },
     Column { name: "cpu_s_per_s", width: 8 },
+    Column { name: "yardsticks", width: 0 },
     Column { name: "spread", width: 0 },
     Column { name: "speed", width: 8 },
     Column { name: "hdf5_cpu_s_per_s", width: 8 },
@@ -155,6 +169,7 @@ fn row(
         Cell::Number(plan.expected_error, 1),
         Cell::Number(cost.setup_s, 2),
         Cell::Number(cost.run_s_per_s, 2),
+        Cell::Plain(cost.yardsticks, 0),
         Cell::Plain(cost.spread, 2),
         Cell::Plain(1.0 / cost.run_s_per_s, 1),
         Cell::Number(cost.written_s_per_s, 2),
@@ -163,16 +178,27 @@ fn row(
     ])
 }
 
+/// Rows whose error is above the accuracy asked for.
+#[must_use]
+pub fn n_missed(rows: &[Vec<Cell>]) -> usize {
+    let is_missed = |row: &&Vec<Cell>| {
+        let (asked, error) = (number(row, "requested"), number(row, "error"));
+        asked.zip(error).is_none_or(|(asked, error)| error.is_nan() || error > asked)
+    };
+    rows.iter().filter(is_missed).count()
+}
+
+fn number(row: &[Cell], name: &str) -> Option<f64> {
+    COLUMNS.iter().zip(row).find_map(|(column, cell)| match cell {
+        Cell::Number(number, _) if column.name == name => Some(*number),
+        Cell::Number(..) | Cell::Plain(..) | Cell::Text(_) | Cell::Flag(_) => None,
+    })
+}
+
 /// Error against cost, a line a scene.
 #[must_use]
 pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
     let mut series: Vec<Series> = Vec::new();
-    let number = |row: &[Cell], name: &str| {
-        COLUMNS.iter().zip(row).find_map(|(column, cell)| match cell {
-            Cell::Number(number, _) if column.name == name => Some(*number),
-            Cell::Number(..) | Cell::Plain(..) | Cell::Text(_) | Cell::Flag(_) => None,
-        })
-    };
     for row in rows {
         let Some(Cell::Text(name)) = row.first() else { continue };
         let (cost, error) = (number(row, "cpu_s_per_s"), number(row, "error"));

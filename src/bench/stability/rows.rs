@@ -1,4 +1,4 @@
-//! Rows of the suite's table: what was asked, what is right, what was found.
+//! Rows of the suite's table: what was asked, what is right, what was found, how far apart the two may be and why.
 
 use crate::bench::table::{Cell, Column};
 
@@ -7,10 +7,12 @@ use crate::bench::table::{Cell, Column};
 pub struct Row {
     name: &'static str,
     parameters: String,
+    metric: &'static str,
     right: f64,
     found: f64,
     /// Allowed distance of the two.
     tolerance: f64,
+    reason: &'static str,
 }
 
 impl Row {
@@ -23,7 +25,8 @@ impl Row {
         found: f64,
         tolerance: f64,
     ) -> Self {
-        Self { name, parameters: parameters.into(), right, found, tolerance }
+        let metric = "distance from the reference";
+        Self { name, parameters: parameters.into(), metric, right, found, tolerance, reason: "" }
     }
 
     /// An error that must stay below a limit.
@@ -34,22 +37,53 @@ impl Row {
         found: f64,
         limit: f64,
     ) -> Self {
-        Self::new(name, parameters, 0.0, found, limit)
+        Self { metric: "relative error", ..Self::new(name, parameters, 0.0, found, limit) }
+    }
+
+    /// The same, measured in other terms.
+    #[must_use]
+    pub fn in_terms_of(self, metric: &'static str) -> Self {
+        Self { metric, ..self }
+    }
+
+    /// The same with the reason of its tolerance.
+    #[must_use]
+    pub fn because(self, reason: &'static str) -> Self {
+        Self { reason, ..self }
+    }
+
+    /// The same with this reason unless it has one.
+    #[must_use]
+    pub fn usually_because(self, reason: &'static str) -> Self {
+        if self.reason.is_empty() { self.because(reason) } else { self }
     }
 
     /// Whether it holds.
     #[must_use]
     pub fn holds(&self) -> bool {
-        (self.found - self.right).abs() <= self.tolerance
+        self.measured() <= self.tolerance
+    }
+
+    fn measured(&self) -> f64 {
+        (self.found - self.right).abs()
+    }
+
+    /// How many times smaller than allowed; infinite where nothing is off.
+    fn margin(&self) -> f64 {
+        if self.measured() > 0.0 { self.tolerance / self.measured() } else { f64::INFINITY }
     }
 
     /// The columns of the table.
-    pub const COLUMNS: [Column; 6] = [
+    pub const COLUMNS: [Column; 10] = [
         Column { name: "case", width: 40 },
         Column { name: "parameters", width: 40 },
+        Column { name: "metric", width: 0 },
         Column { name: "reference", width: 16 },
         Column { name: "found", width: 16 },
         Column { name: "tolerance", width: 8 },
+        Column { name: "reason", width: 0 },
+        Column { name: "measured", width: 8 },
+        Column { name: "margin", width: 7 },
         Column { name: "pass", width: 4 },
     ];
 
@@ -59,9 +93,13 @@ impl Row {
         vec![
             Cell::Text(self.name.to_owned()),
             Cell::Text(self.parameters.clone()),
+            Cell::Text(self.metric.to_owned()),
             Cell::Number(self.right, 9),
             Cell::Number(self.found, 9),
             Cell::Number(self.tolerance, 1),
+            Cell::Text(self.reason.to_owned()),
+            Cell::Number(self.measured(), 1),
+            Cell::Plain(self.margin(), 1),
             Cell::Flag(self.holds()),
         ]
     }

@@ -49,19 +49,6 @@ pub(super) fn page(truth: &str, summary: &Summary<'_>, records: &[Listed]) -> St
     html::document(&format!("Evaluation of {truth}"), &body)
 }
 
-fn table(heading: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
-    let cells = |cells: &mut dyn Iterator<Item = String>, tag: &str| {
-        cells.map(|cell| format!("<{tag}>{cell}</{tag}>")).collect::<String>()
-    };
-    let mut out = "<div class=\"wide\"><table>\n".to_owned();
-    let heading = cells(&mut heading.iter().map(|h| escaped(h)), "th");
-    out.push_str(&format!("<tr>{heading}</tr>\n"));
-    for row in rows {
-        out.push_str(&format!("<tr>{}</tr>\n", cells(&mut row.into_iter(), "td")));
-    }
-    out + "</table></div>\n"
-}
-
 fn confusion(summary: &Summary<'_>) -> String {
     let heading = [
         "data set",
@@ -93,7 +80,7 @@ fn confusion(summary: &Summary<'_>) -> String {
         row
     };
     let groups = summary.groups.iter().map(|g| row(&g.dataset, &g.label, &g.counts));
-    table(&heading, groups.chain([row("all", "", &summary.total)]))
+    html::table(&heading, groups.chain([row("all", "", &summary.total)]))
 }
 
 fn rates(summary: &Summary<'_>) -> String {
@@ -117,7 +104,7 @@ fn rates(summary: &Summary<'_>) -> String {
             format!("{low:.3}…{high:.3}"),
         ]
     };
-    table(
+    html::table(
         &["share", "count", "value", "exact 95 %"],
         lines.into_iter().filter(|(_, rate)| rate.of > 0).map(row),
     )
@@ -179,5 +166,8 @@ fn list(records: &[Listed]) -> String {
             escaped(&record.said),
         ]
     };
-    table(&["capture", "data set", "label", "outcome", "state", "said"], records.iter().map(row))
+    html::table(
+        &["capture", "data set", "label", "outcome", "state", "said"],
+        records.iter().map(row),
+    )
 }

@@ -69,7 +69,7 @@ export async function send(path, options = {}) {
 }
 
 /** Spectra and the like: the daemon computes two at a time for everybody and tells others to wait. */
-const HEAVY = /\/(spectrum|cwt|orbit|trend)$/;
+const HEAVY = /\/(spectrum|cwt|joint|orbit|trend)$/;
 const HEAVY_AT_ONCE = 2;
 const queue = [];
 let heavy = 0;

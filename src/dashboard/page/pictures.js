@@ -12,10 +12,28 @@ const ROWS = 40;
 const ROW_S = 1;
 const BINS = 400;
 
+/** Wavelets by their names in the interface. */
+export const WAVELETS = [
+  ["morlet", "Morlet"],
+  ["mexican_hat", "Mexican hat"],
+  ["haar", "Haar"],
+  ...[2, 4, 6, 8, 10].map((n) => [`db${n}`, `Daubechies ${n}`]),
+  ...["1.3", "1.5", "2.4", "2.8", "3.5", "3.9", "4.4"].map((n) => [`bior${n}`, `Biorthogonal ${n}`]),
+];
+
+/** Bilinear distributions, the usual one first. */
+export const DISTRIBUTIONS = [
+  ["smoothed_pseudo_wigner_ville", "smoothed pseudo Wigner–Ville"],
+  ["choi_williams", "Choi–Williams"],
+  ["pseudo_wigner_ville", "pseudo Wigner–Ville"],
+  ["wigner_ville", "Wigner–Ville"],
+];
+
 /** A scalogram over whole revolutions where the speed is known, else over a second. */
-export async function scalogram(host, machine, choices, rateHz, signal) {
+export async function scalogram(host, machine, choices, signal, rateHz) {
   const speed = machine.frequencies?.shaft_speed_hz;
   const parameters = {
+    wavelet: choices.wavelet,
     ...(speed ? { revolutions: choices.turns ?? 1 } : { window_s: 1 }),
     n_times: 480,
     n_frequencies: 96,
@@ -26,7 +44,31 @@ export async function scalogram(host, machine, choices, rateHz, signal) {
   const answer = await get(`${channelPath(machine.id, choices.channel)}/cwt`, parameters, signal);
   const mesh = table(machine).find((row) => row.label === "GMF")?.hz;
   const spec = scalogramSpec(answer, mesh);
-  return heatMap(host, { ...spec, height: 400, hint: "Morlet wavelet, amplitude zero-to-peak" });
+  return heatMap(host, { ...spec, height: 400, hint: `${new Map(WAVELETS).get(answer.wavelet)} wavelet, amplitude zero-to-peak` });
+}
+
+/** A bilinear distribution; what is negative is drawn as nothing. */
+export async function joint(host, machine, choices, signal, rateHz) {
+  const parameters = {
+    kind: choices.distribution ?? DISTRIBUTIONS[0][0],
+    window_s: choices.window_s,
+    n_times: 400,
+    min_hz: choices.from,
+    max_hz: Math.min(choices.to || rateHz / 2, rateHz / 2),
+    end: choices.end,
+  };
+  const answer = await get(`${channelPath(machine.id, choices.channel)}/joint`, parameters, signal);
+  return heatMap(host, {
+    title: `${new Map(DISTRIBUTIONS).get(answer.kind)} of ${answer.channel}`,
+    rows: answer.value.map((row) => row.map((value) => (value === null ? null : Math.max(0, value)))),
+    x: { from: answer.time_s[0], to: answer.time_s.at(-1), label: "time (s)", name: "time" },
+    y: { from: answer.frequency_hz[0], to: answer.frequency_hz.at(-1), label: "frequency (Hz)", name: "frequency" },
+    unit: answer.unit,
+    log: true,
+    smooth: true,
+    height: 400,
+    hint: "power of the analytic signal; between two lines stands a third that is none",
+  });
 }
 
 /** The path of a pair; the channel chosen decides which. */

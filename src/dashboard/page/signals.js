@@ -5,7 +5,7 @@ import { choice, empty, failed, field, fill, h, loading, select } from "./dom.js
 import { number } from "./format.js";
 import { linePlot } from "./plot.js";
 import { matchTable } from "./proof.js";
-import { orbit, scalogram, waterfall } from "./pictures.js";
+import { DISTRIBUTIONS, WAVELETS, joint, orbit, scalogram, waterfall } from "./pictures.js";
 import { KINDS, askLines, askTrend, isSpectrum, specOf, trendSpec } from "./spectra.js";
 import { alarmsOf } from "./store.js";
 import { usualOf } from "./usual.js";
@@ -95,6 +95,8 @@ export function openSignals(root, { parts, query, state }) {
       has.includes("band") && [numeric("low", "Band from, Hz", { hint: "usual" }), numeric("high", "Band to, Hz", { hint: "usual" })],
       has.includes("detector") && field("Detector", select([["0-p", "0-p"], ["rms", "RMS"], ["p-p", "p-p"]], choices.detector ?? "0-p", (value) => set({ detector: value }))),
       has.includes("turns") && numeric("turns", "Revolutions", { min: 1, max: 16, step: 1, hint: choices.kind === "orbit" ? "4" : "1" }),
+      has.includes("wavelet") && field("Wavelet", select(WAVELETS, choices.wavelet ?? "morlet", (value) => set({ wavelet: value }))),
+      has.includes("distribution") && field("Distribution", select(DISTRIBUTIONS, choices.distribution ?? DISTRIBUTIONS[0][0], (value) => set({ distribution: value }))),
       has.includes("feature") && featureSelect(),
       has.includes("hours") && field("Span", select([["0", "in memory"], ["1", "1 hour"], ["24", "1 day"], ["168", "1 week"], ["720", "1 month"]], String(choices.hours ?? 0), (value) => set({ hours: Number(value) }))),
       spectrum && field("Lines of", select([["", "none"], ...components], choices.lines ?? "", (value) => set({ lines: value || null }))),
@@ -188,7 +190,8 @@ export function openSignals(root, { parts, query, state }) {
       shown = { what: "waterfall", made, key: `${choices.channel} ${choices.to}` };
       await made.ready;
     } else {
-      const made = choices.kind === "orbit" ? await orbit(inside, machine, choices, signal) : await scalogram(inside, machine, choices, rate(), signal);
+      const draw = { orbit, joint, scalogram }[choices.kind];
+      const made = await draw(inside, machine, choices, signal, rate());
       if (signal.aborted) return made.end();
       end();
       fill(stage, inside);

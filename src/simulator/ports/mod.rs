@@ -158,7 +158,7 @@ impl Work {
 impl PortRun {
     /// A run from rest, or from the state given (displacements and velocities of all coordinates),
     /// in steps of `step_s`, the next of which is `first_step`, watched nowhere yet. `None` where this
-    /// way is not open: speed not constant, no steady motion, overdamped or nearly defective linear
+    /// way is not open: speed not constant, no steady motion, nearly defective linear
     /// part.
     #[must_use]
     pub fn new(

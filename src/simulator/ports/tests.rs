@@ -260,6 +260,24 @@ fn a_spectrum_carries_the_state_as_the_matrix_exponential() {
     let expected = (&matrix * seconds).exp() * &start;
     // 66 rad of the fastest: rounding of λ·t and of the exponential's squarings.
     assert!((spectrum.state(&grown) - expected).amax() < 1e-10);
+    // Overdamped: −1 and −100 beside a turning pair.
+    let damped = DMatrix::from_row_slice(
+        4,
+        4,
+        &[0.0, 1.0, 0.0, 0.0, -100.0, -101.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0, 1.0, 0.0, -7.0, -0.1],
+    );
+    let spectrum = Spectrum::of(&damped).unwrap();
+    assert_eq!(spectrum.values.len(), 3);
+    let start = nalgebra::DVector::from_vec(vec![1.0, 2.0, -0.5, 0.3]);
+    let coordinates = spectrum.input(&start);
+    let grown: Vec<Complex<f64>> = coordinates
+        .iter()
+        .zip(&spectrum.values)
+        .map(|(s, value)| s * (value * 0.3).exp())
+        .collect();
+    let expected = (&damped * 0.3).exp() * &start;
+    // Rounding of a few dozen operations.
+    assert!((spectrum.state(&grown) - expected).amax() < 1e-12);
     // A double root without two vectors has no such form.
     let defective = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, 0.0]);
     assert!(Spectrum::of(&defective).is_none());

@@ -52,42 +52,108 @@ struct Begin<'a> {
 
 type State = (Vec<f64>, Vec<f64>);
 
+/// Why a scene cannot be brought to time 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// There is no steady motion to begin with.
+    NoSteady,
+    /// The shortest step is too long for it: the motion grows without bound.
+    TooFast,
+}
+
+/// Length of the beginning in which a step of the general way must stay a number and near its half, s.
+const STABLE_S: f64 = 0.02;
+
+/// Largest difference of a step and its half that is no instability, of the largest coordinate.
+const STABLE: f64 = 0.5;
+
 impl Begin<'_> {
     /// From sample `begin` of the fastest channel on, from rest or from the state given, with the step
     /// that keeps the accuracy.
-    fn chosen(self, begin: i64, state: Option<State>) -> (Engine, Option<Choice>) {
+    fn chosen(self, begin: i64, state: Option<State>) -> Result<(Engine, Option<Choice>), Refusal> {
         let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
         let at = (self.plan.rate_hz, begin);
         match step_choice::choose(self.scene, self.model, self.sensed, at, given) {
+            Some((_, choice)) if choice.error.is_nan() => Err(Refusal::TooFast),
             Some((run, choice)) => {
                 let ported = Ported { run, every: choice.steps_per_sample };
-                (Engine::Ported(Box::new(ported)), Some(choice))
+                Ok((Engine::Ported(Box::new(ported)), Some(choice)))
             }
-            None => (self.general(begin, state), None),
+            None => self.stable(begin, state),
         }
     }
 
+    /// The general way with the plan's step, or the longest of its halves that stays a number.
+    fn stable(self, begin: i64, state: Option<State>) -> Result<(Engine, Option<Choice>), Refusal> {
+        let usual = self.plan.steps_per_sample;
+        let step_s = |steps: u32| 1.0 / (self.plan.rate_hz * f64::from(steps));
+        let mut steps = usual;
+        loop {
+            let error = self.parting(begin, &state, steps);
+            if error <= STABLE {
+                let cuts_at_contact = self.plan.cuts_at_contact;
+                let choice = Choice { steps_per_sample: steps, cuts_at_contact, error };
+                let choice = (steps != usual).then_some(choice);
+                return Ok((self.general((begin, steps), state), choice));
+            }
+            if step_s(steps) < 2.0 * step_choice::SHORTEST_S {
+                return Err(Refusal::TooFast);
+            }
+            steps *= 2;
+        }
+    }
+
+    /// How far the beginning with a step and with its half are apart, of the largest coordinate; NaN if one of them is
+    /// no number any more.
+    fn parting(self, begin: i64, state: &Option<State>, steps: u32) -> f64 {
+        let end = |steps: u32| {
+            let step_s = 1.0 / (self.plan.rate_hz * f64::from(steps));
+            let first = begin * i64::from(steps);
+            let run = Run::new(self.model.clone(), step_s, state.clone());
+            let mut run = run.beginning_at(first);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "up to 1e5"
+            )]
+            let n = (STABLE_S / step_s).ceil() as u32;
+            for _ in 0..n {
+                run.step();
+            }
+            run.state().0.to_vec()
+        };
+        let (coarse, fine) = (end(steps), end(2 * steps));
+        if coarse.iter().chain(&fine).any(|q| !q.is_finite()) {
+            return f64::NAN;
+        }
+        let size = fine.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
+        let gaps = coarse.iter().zip(&fine).map(|(a, b)| (a - b).abs());
+        let gap = gaps.fold(0.0_f64, f64::max);
+        // At rest there is nothing to part.
+        if size == 0.0 && gap == 0.0 { 0.0 } else { gap / size }
+    }
+
     /// The same with the step of the plan.
-    fn planned(self, begin: i64, state: Option<State>) -> Engine {
+    fn planned(self, begin: i64, state: Option<State>) -> Result<Engine, Refusal> {
         let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
         let begin_step = begin * i64::from(self.plan.steps_per_sample);
         let every = self.plan.steps_per_sample;
         match PortRun::new(self.model, self.plan.step_s(), begin_step, given) {
             Some(run) => {
                 let run = run.watching(self.sensed, every);
-                Engine::Ported(Box::new(Ported { run, every }))
+                Ok(Engine::Ported(Box::new(Ported { run, every })))
             }
-            None => self.general(begin, state),
+            None => self.stable(begin, state).map(|(engine, _)| engine),
         }
     }
 
-    fn general(self, begin: i64, state: Option<State>) -> Engine {
-        let begin_step = begin * i64::from(self.plan.steps_per_sample);
-        let run = Run::new(self.model.clone(), self.plan.step_s(), state).beginning_at(begin_step);
+    fn general(self, (begin, steps): (i64, u32), state: Option<State>) -> Engine {
+        let step_s = 1.0 / (self.plan.rate_hz * f64::from(steps));
+        let run = Run::new(self.model.clone(), step_s, state);
         Engine::Stepped(Box::new(Stepped {
-            run,
+            run: run.beginning_at(begin * i64::from(steps)),
             watches: watches(self.sensed),
-            every: self.plan.steps_per_sample,
+            every: steps,
         }))
     }
 }
@@ -97,30 +163,31 @@ fn watches(sensed: &[Sensed]) -> Vec<Watch> {
 }
 
 impl Engine {
-    /// The motion at time 0, with the step chosen if there was a choice; `None` if there is no steady motion to begin with.
+    /// The motion at time 0, with the step chosen if there was a choice.
     pub(super) fn new(
         scene: &Scene,
         model: &Model,
         plan: &Plan,
         sensed: &[Sensed],
-    ) -> Option<(Self, Option<Choice>)> {
+    ) -> Result<(Self, Option<Choice>), Refusal> {
         let at_start = scene.speed.at(0.0);
         if plan.is_linear {
             let speed_hz = at_start.speed_rad_per_s / TAU;
             let zero = vec![0.0; 2 * model.basis.len()];
             let rest = (scene.start == Start::Rest).then_some((&zero[..], &zero[..]));
-            let run = LinearRun::new(model, speed_hz, &watches(sensed), plan.rate_hz, rest)?;
-            return Some((Self::Linear(Box::new(run)), None));
+            let run = LinearRun::new(model, speed_hz, &watches(sensed), plan.rate_hz, rest);
+            let run = run.ok_or(Refusal::NoSteady)?;
+            return Ok((Self::Linear(Box::new(run)), None));
         }
         let begin = Begin { scene, model, sensed, plan };
         if scene.start == Start::Rest {
-            return Some(begin.chosen(0, None));
+            return begin.chosen(0, None);
         }
         let system = LinearSystem::new(model, at_start.speed_rad_per_s);
-        let steady = system.steady(model)?;
+        let steady = system.steady(model).ok_or(Refusal::NoSteady)?;
         if model.seats.is_empty() && model.gears.is_empty() {
             let state = steady.at(&system, at_start.angle_rad);
-            return Some(begin.chosen(0, Some(state)));
+            return begin.chosen(0, Some(state));
         }
         #[expect(clippy::cast_possible_truncation, reason = "ten thousands")]
         let n_samples = |seconds: f64| (seconds * plan.rate_hz).round() as i64;
@@ -130,12 +197,12 @@ impl Engine {
         let from = scene.speed.at(-(first + second) as f64 / plan.rate_hz);
         let state = steady.at(&system, from.angle_rad);
         let run_in = Begin { model: &relaxed, sensed: &[], ..begin };
-        let mut run_in = run_in.planned(-(first + second), Some(state));
+        let mut run_in = run_in.planned(-(first + second), Some(state))?;
         run_in.fill(usize::try_from(first).unwrap_or(0), &mut []);
-        let (mut run, choice) = begin.chosen(-second, run_in.state());
+        let (mut run, choice) = begin.chosen(-second, run_in.state())?;
         let n = usize::try_from(second).unwrap_or(0);
         run.fill(n, &mut vec![Vec::new(); sensed.len()]);
-        Some((run, choice))
+        Ok((run, choice))
     }
 
     fn state(&self) -> Option<State> {

@@ -10,7 +10,7 @@ use super::rotor::Plane;
 use super::run::{Quantity, Watch};
 use super::scene::{Faults, NumberKind, Scene, SceneErrors, SceneSensor, SensorKind};
 use super::sensor::{Chain, Converter, SensorModel, tacho_mark};
-use engine::Engine;
+use engine::{Engine, Refusal};
 use std::f64::consts::TAU;
 
 /// Most samples of the fastest channel that are computed at a time.
@@ -108,7 +108,7 @@ impl Simulation {
     /// # Errors
     ///
     /// What cannot be built: a free shaft, more modes than degrees of freedom, speeds beyond the
-    /// modelled band, bearings under which motion grows, no steady motion to begin with.
+    /// modelled band, bearings under which motion grows, no steady motion to begin with, motion too fast for the shortest step.
     pub fn new(scene: &Scene, seed: u64) -> Result<Self, SceneErrors> {
         let Built { plane, model, mut plan } = build::build(scene)?;
         let watching = |sensor: &&SceneSensor| sensor.kind != SensorKind::Tacho;
@@ -129,7 +129,10 @@ impl Simulation {
             })
             .collect();
         let begun = Engine::new(scene, &model, &plan, &sensed);
-        let (engine, choice) = begun.ok_or_else(|| no_steady(scene))?;
+        let (engine, choice) = begun.map_err(|refusal| match refusal {
+            Refusal::NoSteady => no_steady(scene),
+            Refusal::TooFast => too_fast(scene),
+        })?;
         if let Some(choice) = choice {
             plan.steps_per_sample = choice.steps_per_sample;
             plan.cuts_at_contact = choice.cuts_at_contact;
@@ -221,11 +224,18 @@ impl Simulation {
         Ok(())
     }
 
-    /// What went beyond what the scene can tell so far: ball loads beyond yield, probes touched,
+    /// What went beyond what the scene can tell so far: the accuracy asked for, ball loads beyond yield, probes touched,
     /// converters clipped. One sentence each.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
+        let (asked, expected) = (self.scene.accuracy, self.plan.expected_error);
+        if self.plan.is_error_measured && expected > asked {
+            warnings.push(format!(
+                "the accuracy of {asked:.0e} is not kept: two steps, one half of the other, part by {expected:.0e} at \
+                 the beginning, the shortest one too"
+            ));
+        }
         for ((id, ball), load_n) in self.scene.ball_bearings().zip(self.engine.peak_loads_n()) {
             if let Some(limit) = ball.yield_load_n.filter(|limit| load_n > *limit) {
                 warnings.push(format!(
@@ -265,6 +275,12 @@ impl Simulation {
         }
         self.n_samples += n as u64;
     }
+}
+
+fn too_fast(scene: &Scene) -> SceneErrors {
+    let found = "parts that move too fast for steps of 0.5 µs: the motion grows without bound";
+    let allowed = "softer contacts, less damping of bearings, or heavier parts";
+    scene.mistake("bearing[0]", found, allowed)
 }
 
 fn no_steady(scene: &Scene) -> SceneErrors {

@@ -22,7 +22,10 @@ pub(super) struct Choice {
 
 /// Longest and shortest step, s. The longest also bounds what a fault injected later can cost: 1e-4
 /// on set A.
-const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
+const STEPS_S: (f64, f64) = (20e-6, SHORTEST_S);
+
+/// Shortest step of any way, s.
+pub(super) const SHORTEST_S: f64 = 0.5e-6;
 
 /// From a try to the next: by the fourth order, a little more, and by this factor at least.
 const SHORTER: (f64, f64) = (0.97, 0.9);

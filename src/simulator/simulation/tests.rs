@@ -141,6 +141,35 @@ fn a_run_up_and_a_reversal_are_integrated() {
 }
 
 #[test]
+fn a_damper_too_stiff_for_the_usual_step_gets_a_shorter_one_or_is_refused() {
+    let with = |damping: &str| {
+        let bearing = format!("stiffness_n_per_m = 1.078e8\ndamping_n_s_per_m = {damping}");
+        scene(
+            "seed-bow-2hz",
+            &[
+                ("constant_hz = 2.0", "points = [[0.0, 2.0], [0.05, 60.0]]"),
+                ("start = \"rotating\"", "start = \"rest\""),
+                ("stiffness_n_per_m = 1.078e8", &bearing),
+            ],
+        )
+    };
+    let usual = Simulation::new(&with("200.0"), 1).unwrap();
+    let mut stiff = Simulation::new(&with("2e4"), 1).unwrap();
+    assert!(stiff.plan().steps_per_sample > usual.plan().steps_per_sample);
+    assert!(run(&mut stiff, &[1000]).iter().flatten().all(|x| x.is_finite()));
+    let refused = Simulation::new(&with("1e8"), 1).unwrap_err().to_string();
+    assert!(refused.contains("0.5 µs") && refused.contains("less damping"), "{refused}");
+}
+
+#[test]
+fn overdamped_bearings_at_constant_speed_go_the_fast_way() {
+    let change = [("damping_n_s_per_m = 200.0", "damping_n_s_per_m = 2e5")];
+    let mut simulation = Simulation::new(&scene("seed-bearing-40hz-3", &change), 1).unwrap();
+    assert!(simulation.plan().is_filtered, "not integrated in all coordinates");
+    assert!(run(&mut simulation, &[500]).iter().flatten().all(|x| x.is_finite()));
+}
+
+#[test]
 fn drift_and_dropouts_are_the_sensors_own() {
     let clean = "at_in = 10.5\naxis_deg = 0.0\nclean = true\nnumber = \"float64\"\n";
     let faulty = format!("{clean}drift_per_s = 50.0\ndropouts_s = [[0.1, 0.2]]\nrest = 300.0\n");

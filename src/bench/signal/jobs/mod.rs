@@ -1,6 +1,7 @@
 //! The transforms that are measured, each with its error against the slow reference.
 
 mod channels;
+mod pictures;
 mod wavelets;
 
 use super::Effort;
@@ -17,6 +18,7 @@ use crate::dsp::real::Real;
 use crate::dsp::spectrum::AmplitudePlan;
 use crate::dsp::welch::WelchPlan;
 use channels::{Channels, Kind};
+use pictures::{Picture, Tree};
 use rustfft::num_complex::Complex;
 use rustfft::num_complex::Complex64;
 use wavelets::{Cwt, Pair};
@@ -56,7 +58,7 @@ pub(super) struct Named {
 }
 
 /// Names of these jobs.
-const NAMES: [&str; 18] = [
+const NAMES: [&str; 23] = [
     "forward",
     "hann",
     "welch",
@@ -72,6 +74,11 @@ const NAMES: [&str; 18] = [
     "cwt-padded",
     "cwt-padded-full",
     "morlet",
+    "cwt-hat",
+    "dwt",
+    "ville",
+    "smoothed-ville",
+    "choi-williams",
     "full-job",
     "full-job-coarse",
     "diagnosis-job",
@@ -127,6 +134,23 @@ pub(super) fn prepare<T: Real>(name: &str, x: &[f64], effort: &Effort) -> Option
         }
         "morlet" => {
             ("Morlet at 2 frequencies", "from spectrum", Box::new(Pair::<T>::new(&x[..second])))
+        }
+        "cwt-hat" => {
+            let job = Picture::<T>::hat(&x[..second], effort)?;
+            ("Mexican hat, 1 s", "200 columns", Box::new(job))
+        }
+        "dwt" => ("discrete wavelets, 10 s", "db8, 8 levels", Box::new(Tree::<T>::new(x)?)),
+        "ville" => {
+            let job = Picture::<T>::ville(&x[..second], effort)?;
+            ("Wigner-Ville, 1 s", "pseudo", Box::new(job))
+        }
+        "smoothed-ville" => {
+            let job = Picture::<T>::smoothed(&x[..second], effort)?;
+            ("Wigner-Ville, 1 s", "smoothed", Box::new(job))
+        }
+        "choi-williams" => {
+            let job = Picture::<T>::choi(&x[..second], effort)?;
+            ("Choi-Williams, 1 s", "", Box::new(job))
         }
         "full-job" => {
             ("channel-second, full", "", Box::new(Channels::<T>::new(x, effort, Kind::Full(fine))))

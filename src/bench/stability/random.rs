@@ -1,0 +1,224 @@
+//! Scenes at random: none may diverge, free motion of stable systems may not grow, steps keep to the reference.
+
+use super::Search;
+use super::drawn::{self, Class};
+use super::rows::Row;
+use crate::bench::BenchError;
+use crate::bench::records::{Exact, ported, worst};
+use crate::simulator::reference::scene::Setting;
+use crate::simulator::scene::{Scene, Start};
+use crate::simulator::simulation::{AdvanceError, Samples, Simulation};
+use std::convert::Infallible;
+use std::f64::consts::TAU;
+
+/// Every so manieth scene with contacts is compared with the reference.
+const COMPARED_EVERY: u64 = 50;
+
+/// Length of the record that is compared, s.
+const COMPARED_S: f64 = 0.01;
+
+/// Longest step of the scenes that are compared and steps of the record at most: keeps the reference short.
+const MAX_COMPARED_STEPS: f64 = 5000.0;
+
+/// What came of a scene.
+enum Outcome {
+    /// It ran; growth of its free motion, and error in units of the accuracy asked for, where they were looked
+    /// for.
+    Ran { growth: Option<f64>, error: Option<f64> },
+    /// It was refused, with a reason.
+    Refused,
+    /// It failed.
+    Failed(String),
+}
+
+/// What came of a class.
+#[derive(Default)]
+struct Tally {
+    n_ran: usize,
+    n_refused: usize,
+    n_failed: usize,
+    n_grown: usize,
+    growth: f64,
+    n_compared: usize,
+    error: f64,
+}
+
+/// Runs the scenes and gives three rows a class, and one for each that failed (the first 20).
+///
+/// # Errors
+///
+/// None yet: a scene that cannot be computed is a row.
+pub fn scenes(search: &Search) -> Result<Vec<Row>, BenchError> {
+    let mut tallies = Class::ALL.map(|class| (class, Tally::default()));
+    let mut rows = Vec::new();
+    let last = search.first_seed.saturating_add(search.n_scenes);
+    for number in search.first_seed..last {
+        let drawn = drawn::scene(number);
+        let is_compared = number.is_multiple_of(COMPARED_EVERY);
+        let Some((_, tally)) = tallies.iter_mut().find(|(class, _)| *class == drawn.class) else {
+            continue;
+        };
+        match outcome(&drawn, is_compared) {
+            Outcome::Ran { growth, error } => {
+                tally.n_ran += 1;
+                if let Some(growth) = growth {
+                    tally.n_grown += 1;
+                    tally.growth = tally.growth.max(growth);
+                }
+                if let Some(error) = error {
+                    tally.n_compared += 1;
+                    tally.error = tally.error.max(error);
+                }
+                if let Some(miss) = missed(growth, error).filter(|_| rows.len() < 20) {
+                    rows.push(failure(number, drawn.class, miss));
+                }
+            }
+            Outcome::Refused => tally.n_refused += 1,
+            Outcome::Failed(why) => {
+                tally.n_failed += 1;
+                if rows.len() < 20 {
+                    rows.push(failure(number, drawn.class, why));
+                }
+            }
+        }
+    }
+    let mut all: Vec<Row> =
+        tallies.iter().flat_map(|(class, tally)| summary(*class, tally)).collect();
+    all.append(&mut rows);
+    Ok(all)
+}
+
+/// Most that free motion may grow, and most error in units of the accuracy asked for.
+const GROWTH: f64 = 2.0;
+const ERROR: f64 = 10.0;
+
+fn missed(growth: Option<f64>, error: Option<f64>) -> Option<String> {
+    let growth = growth.filter(|growth| *growth > GROWTH);
+    let error = error.filter(|error| *error > ERROR);
+    growth
+        .map(|growth| format!("grows {growth:.3e}"))
+        .or(error.map(|error| format!("errs {error:.3e} times the accuracy")))
+}
+
+fn failure(number: u64, class: Class, why: String) -> Row {
+    let again = format!("--scenes 1 --first-seed {number}: {}, {why}", class.name());
+    Row::below("scene at random that failed", again, 1.0, 0.0)
+        .in_terms_of("scenes")
+        .because("none may")
+}
+
+fn summary(class: Class, tally: &Tally) -> Vec<Row> {
+    let Tally { n_ran, n_refused, n_failed, n_grown, growth, n_compared, error } = tally;
+    let n = n_ran + n_refused + n_failed;
+    if n == 0 {
+        return Vec::new();
+    }
+    let parameters = format!("{}: {n_ran} ran, {n_refused} refused", class.name());
+    let mut rows = vec![
+        Row::below("scenes at random: no number, panic", parameters, *n_failed as f64, 0.0)
+            .in_terms_of("scenes")
+            .because("every motion is finite or was refused with a reason"),
+    ];
+    if *n_grown > 0 {
+        rows.push(
+            Row::below("scenes at random: growth", format!("{n_grown} linear"), *growth, GROWTH)
+                .in_terms_of("last ÷ first quarter of free motion")
+                .because("beats of two equal modes; what grows does so by orders"),
+        );
+    }
+    if *n_compared > 0 {
+        let parameters = format!("{}: {n_compared} compared", class.name());
+        rows.push(
+            Row::below("scenes at random: error", parameters, *error, ERROR)
+                .in_terms_of("error ÷ accuracy asked for")
+                .because("the step is chosen by half-step differences of another stretch"),
+        );
+    }
+    rows
+}
+
+fn outcome(drawn: &drawn::Drawn, is_compared: bool) -> Outcome {
+    let Ok(scene) = Scene::parse(&drawn.text, "drawn") else { return Outcome::Refused };
+    let Ok(mut simulation) = Simulation::new(&scene, 1) else { return Outcome::Refused };
+    let step_s = simulation.plan().step_s();
+    let is_exact = simulation.plan().is_linear;
+    if let Err(why) = motion(&mut simulation) {
+        return Outcome::Failed(why);
+    }
+    let growth = (drawn.class == Class::Linear).then(|| growth(&scene)).flatten();
+    // A motion that parts whatever the step (balls that rattle without load) is told as such.
+    let is_promised = simulation.plan().expected_error <= scene.accuracy;
+    let error = (is_compared && is_promised && !is_exact && drawn.class != Class::RunUp)
+        .then(|| error(&scene, step_s, simulation.plan().cuts_at_contact))
+        .flatten();
+    Outcome::Ran { growth, error }
+}
+
+/// Samples of every channel, all of them finite.
+fn motion(simulation: &mut Simulation) -> Result<Vec<Vec<f64>>, String> {
+    let n = simulation.scene().duration_s * simulation.rate_hz();
+    let n_samples = crate::bench::records::steps(n, 1.0) as u64;
+    let mut lists = vec![Vec::new(); simulation.scene().sensors.len()];
+    let done = simulation.advance(n_samples, &mut |channel, samples| {
+        if let Samples::Float64(samples) = samples {
+            lists[channel].extend_from_slice(samples);
+        }
+        Ok::<(), Infallible>(())
+    });
+    match done {
+        Ok(()) if lists.iter().flatten().all(|x| x.is_finite()) => Ok(lists),
+        Ok(()) => Err("a sample is no number".to_owned()),
+        Err(AdvanceError::Diverged { time_s }) => Err(format!("diverged before {time_s} s")),
+        Err(AdvanceError::Sink(never)) => match never {},
+    }
+}
+
+/// Periods of the slowest shape in the record that is searched for growth, and the longest such record, s.
+const GROWTH_PERIODS: f64 = 40.0;
+const GROWTH_MAX_S: f64 = 10.0;
+
+/// Motion from rest less the steady motion is free motion: its RMS in the last quarter over that in the first, both
+/// directions at one place. `None` where one of the two does not exist, nothing is free, or the slowest shape is so slow
+/// that a quarter holds less than some periods.
+fn growth(scene: &Scene) -> Option<f64> {
+    let omega = Setting::new(scene).ok()?.model.oscillators().omega_rad_per_s;
+    let slowest_hz = omega.into_iter().reduce(f64::min)? / TAU;
+    let mut scene = scene.clone();
+    scene.duration_s = scene.duration_s.max(GROWTH_PERIODS / slowest_hz);
+    if scene.duration_s > GROWTH_MAX_S {
+        return None;
+    }
+    let mut from = |start| {
+        scene.start = start;
+        motion(&mut Simulation::new(&scene, 1).ok()?).ok()
+    };
+    let (motion, other) = (from(Start::Rest)?, from(Start::Rotating)?);
+    // The two probes at one place together: what one direction loses another may gain.
+    let probes = drawn::PROBES;
+    let quarter = motion[probes[0]].len() / 4;
+    let square = |i: usize| {
+        let gap = |channel: &usize| motion[*channel][i] - other[*channel][i];
+        probes.iter().map(|channel| gap(channel) * gap(channel)).sum::<f64>()
+    };
+    let rms =
+        |range: std::ops::Range<usize>| (range.map(square).sum::<f64>() / quarter as f64).sqrt();
+    let (first, last) = (rms(0..quarter), rms(3 * quarter..4 * quarter));
+    let all = probes.iter().flat_map(|channel| motion[*channel].iter().chain(&other[*channel]));
+    let largest = all.fold(0.0_f64, |m, x| m.max(x.abs()));
+    // Rounding of the two motions.
+    (first > 1e-9 * largest).then(|| last / first)
+}
+
+/// Largest error of the bearings' motion, in units of the accuracy asked for.
+fn error(scene: &Scene, step_s: f64, cuts: bool) -> Option<f64> {
+    let setting = Setting::new(scene).ok()?;
+    if COMPARED_S / step_s > MAX_COMPARED_STEPS {
+        return None;
+    }
+    let found = ported(&setting, step_s, COMPARED_S, cuts)?;
+    let exact = Exact::new(&setting, step_s, COMPARED_S, 1e-11).at(step_s);
+    let moves = |list: &[f64]| list.iter().any(|x| *x != 0.0);
+    let moving = exact.bearings.iter().zip(&found.bearings).filter(|(exact, _)| moves(exact));
+    let (exact, found): (Vec<_>, Vec<_>) = moving.map(|(a, b)| (a.clone(), b.clone())).unzip();
+    (!exact.is_empty()).then(|| worst(&found, &exact) / scene.accuracy)
+}

@@ -1,0 +1,156 @@
+//! Verdicts against channels a core: what is lost when the analysis is thinned.
+//!
+//! Bearing trials of the stand, with their known answers, judged in windows of several lengths and at fractions of
+//! their sampling rate. A trial is cut into windows; its verdict is that of all of them.
+
+use super::clock::{self, Yardstick};
+use super::table::{Cell, Column};
+use super::{BenchError, Tell};
+use crate::dsp::fir::Decimator;
+use crate::evaluation::score::{self, Outcome};
+use crate::trials::Trial;
+use crate::trials::grid::{self, Plan, Task};
+use crate::units::Hz;
+use cpu_time::ThreadTime;
+use serde_json::{Value, json};
+
+/// The columns of the table.
+pub const COLUMNS: [Column; 12] = [
+    Column { name: "window_s", width: 8 },
+    Column { name: "rate_part", width: 9 },
+    Column { name: "trials", width: 6 },
+    Column { name: "right", width: 5 },
+    Column { name: "detected", width: 8 },
+    Column { name: "undetermined", width: 12 },
+    Column { name: "missed", width: 6 },
+    Column { name: "wrong_cause", width: 11 },
+    Column { name: "false_alarm", width: 11 },
+    Column { name: "cpu_ms_a_channel_s", width: 18 },
+    Column { name: "yardsticks", width: 10 },
+    Column { name: "channels_a_core", width: 15 },
+];
+
+/// How much is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Trials of the stand, evenly taken from a seed's.
+    pub n_trials: usize,
+    /// Length of a window, s, and one sample of how many is kept.
+    pub settings: &'static [(f64, u32)],
+}
+
+impl Effort {
+    /// What figures are published with.
+    pub const WHOLE: Self = Self {
+        n_trials: 120,
+        settings: &[(12.0, 1), (6.0, 1), (3.0, 1), (1.5, 1), (12.0, 2), (12.0, 4), (6.0, 2)],
+    };
+
+    /// Minutes of work, for every change.
+    pub const THINNED: Self = Self { n_trials: 10, settings: &[(12.0, 1), (6.0, 2)] };
+
+    /// A second of work: shows that it works.
+    pub const QUICK: Self = Self { n_trials: 1, settings: &[(3.0, 4)] };
+
+    /// For the documents.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        json!({ "trials": self.n_trials, "first_seed": grid::FIRST_REPORTED_SEED })
+    }
+}
+
+/// Measures every setting and hands on its row.
+///
+/// # Errors
+///
+/// [`BenchError`] when a trial cannot be made or judged.
+pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, BenchError> {
+    let plan = Plan {
+        first_seed: grid::FIRST_REPORTED_SEED,
+        n_seeds: 1,
+        is_thin: true,
+        is_healthy: false,
+    };
+    let tasks = grid::tasks(&plan);
+    let tasks: Vec<&Task> = tasks.iter().filter(|task| matches!(task, Task::Stand(..))).collect();
+    let every = (tasks.len() / effort.n_trials.max(1)).max(1);
+    let mut rows = Vec::new();
+    for (window_s, every_sample) in effort.settings {
+        let taken = tasks.iter().step_by(every).take(effort.n_trials);
+        let row = row(taken.copied(), (*window_s, *every_sample))?;
+        tell(&row)?;
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn row<'t>(
+    tasks: impl Iterator<Item = &'t Task>,
+    (window_s, every): (f64, u32),
+) -> Result<Vec<Cell>, BenchError> {
+    let mut outcomes = Vec::new();
+    let (mut cpu_s, mut channel_s) = (0.0, 0.0);
+    for task in tasks {
+        let mut trials = Vec::new();
+        task.each(&mut |trial| trials.push(trial));
+        for trial in trials {
+            let mut trial = trial.map_err(|why| BenchError::Write(why.into()))?;
+            thin(&mut trial, every);
+            channel_s += seconds(&trial);
+            let begun = ThreadTime::now();
+            let diagnosis = trial.diagnose_in(window_s);
+            cpu_s += begun.elapsed().as_secs_f64();
+            let diagnosis = diagnosis.map_err(|error| BenchError::Write(Box::new(error)))?;
+            let scored = diagnosis.map(|d| score::score(&trial.known, &[], &d)).transpose();
+            let scored = scored.map_err(|error| BenchError::Write(Box::new(error)))?;
+            outcomes.push(scored.map_or(Outcome::Undetermined, |score| score.outcome));
+        }
+    }
+    let count = |outcome: Outcome| {
+        Cell::Plain(outcomes.iter().filter(|found| **found == outcome).count() as f64, 0)
+    };
+    let cost_s = cpu_s / channel_s;
+    let yardstick_s = clock::round_s(&mut Yardstick::new(), 0.02);
+    Ok(vec![
+        Cell::Plain(window_s, 1),
+        Cell::Plain(1.0 / f64::from(every), 2),
+        Cell::Plain(outcomes.len() as f64, 0),
+        count(Outcome::Right),
+        count(Outcome::Detected),
+        count(Outcome::Undetermined),
+        count(Outcome::Missed),
+        count(Outcome::WrongCause),
+        count(Outcome::FalseAlarm),
+        Cell::Plain(1e3 * cost_s, 3),
+        Cell::Plain(cost_s / yardstick_s, 0),
+        Cell::Plain(1.0 / cost_s, 0),
+    ])
+}
+
+/// Keeps one sample of so many of every vibration channel, filtered; the tacho stays.
+fn thin(trial: &mut Trial, every: u32) {
+    if every < 2 {
+        return;
+    }
+    let measured = &mut trial.measured;
+    for (info, samples) in measured.channels.iter_mut().zip(&mut measured.samples) {
+        let sensor = measured.machine.sensors.iter().find(|sensor| sensor.channel == info.name);
+        if !sensor.is_some_and(|sensor| sensor.kind.is_vibration()) {
+            continue;
+        }
+        let mut decimator = Decimator::new(every as usize);
+        let mut out = vec![0.0_f32; decimator.out_len(samples.len())];
+        decimator.process(samples, &mut out);
+        // What the filter holds back, so that time 0 stays where the tacho has it.
+        out.drain(..decimator.lag_outputs().min(out.len()));
+        *samples = out;
+        info.sample_rate = Hz(info.sample_rate.0 / f64::from(every));
+    }
+}
+
+/// Seconds of all channels.
+fn seconds(trial: &Trial) -> f64 {
+    let measured = &trial.measured;
+    let pairs = measured.channels.iter().zip(&measured.samples);
+    pairs.map(|(info, samples)| samples.len() as f64 / info.sample_rate.0).sum()
+}
