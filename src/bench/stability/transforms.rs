@@ -177,10 +177,17 @@ fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
     let mut out = vec![T::ZERO; stft.n_frames(n) * stft.n_bins()];
     stft.process(&x, FS_HZ, Scale::Amplitude, &mut out);
     spectra.push(list(&out, of_line));
-    let mut squared = SquaredEnvelopePlan::new(n, n / 10..n / 4, &mut cache);
+    let band = n / 10..n / 4;
+    let mut squared = SquaredEnvelopePlan::new(n, band.clone(), &mut cache);
     let mut e2 = vec![T::ZERO; squared.out_len()];
     squared.process(&x_hat, &mut e2);
-    spectra.push(list(&e2, of_power));
+    // The cheapest rate of e² is another in the other precision; its spectrum has the same bins at every rate.
+    let mut envelope = EnvelopeSpectrumPlan::unpadded(e2.len(), &mut cache);
+    let mut depth = vec![T::ZERO; envelope.n_bins()];
+    let mean = envelope.process(&e2, &mut depth).unwrap_or(0.0);
+    depth.truncate(band.len());
+    let has_digits = mean > of_power;
+    spectra.push(list(&depth, if has_digits { 0.0 } else { f64::INFINITY }));
     let f_hz = [150.0, 800.0, 3100.0];
     let mut pictures = Vec::new();
     let mut morlet = ScalogramPlan::new(n, FS_HZ, &f_hz, DEFAULT_OMEGA0, 40, &mut cache)?;
