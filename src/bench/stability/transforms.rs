@@ -154,9 +154,14 @@ struct List {
     floor: f64,
 }
 
+/// Amplitudes whose envelopes single precision holds: a spectrum's power is the fourth power of them, and 1e-10 of that where the band
+/// has 1e-5 of the signal's.
+const ENVELOPES_OF: std::ops::Range<f64> = 1e-6..1e9;
+
 fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
     let n = x.len();
-    let (of_line, of_power) = (1e-3 * top(x), 1e-5 * top(x) * top(x));
+    let top_of_signal = top(x);
+    let (of_line, of_power) = (1e-3 * top_of_signal, 1e-5 * top_of_signal * top_of_signal);
     let list = |values: &[T], floor| List { values: wide(values), floor };
     let x: Vec<T> = x.iter().map(|x| T::rounded(*x)).collect();
     let mut cache = FftCache::<T>::new();
@@ -186,8 +191,9 @@ fn pictures<T: Real>(x: &[f64]) -> Option<Pictures> {
     let mut depth = vec![T::ZERO; envelope.n_bins()];
     let mean = envelope.process(&e2, &mut depth).unwrap_or(0.0);
     depth.truncate(band.len());
-    let has_digits = mean > of_power;
-    spectra.push(list(&depth, if has_digits { 0.0 } else { f64::INFINITY }));
+    if mean > of_power && ENVELOPES_OF.contains(&top_of_signal) {
+        spectra.push(list(&depth, 0.0));
+    }
     let f_hz = [150.0, 800.0, 3100.0];
     let mut pictures = Vec::new();
     let mut morlet = ScalogramPlan::new(n, FS_HZ, &f_hz, DEFAULT_OMEGA0, 40, &mut cache)?;
