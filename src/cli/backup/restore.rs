@@ -37,7 +37,7 @@ pub struct Arguments {
     /// The archive that `rotorwatch backup` made.
     #[arg(value_name = "BACKUP")]
     pub backup: PathBuf,
-    /// Folder of the store, as [store] directory of the configuration says.
+    /// Folder of the store, as `store.directory` of the configuration says.
     #[arg(long, value_name = "DIR")]
     pub store: PathBuf,
     /// Folder for the configuration and its machine files; without it they are not restored.

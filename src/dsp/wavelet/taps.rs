@@ -37,8 +37,8 @@ impl Taps {
 
 /// A perfectly reconstructing pair of two-channel banks (D103).
 ///
-/// Analysis: a[k] = Σ h̃[n]·x[n + 2k], d[k] = Σ g̃[n]·x[n + 2k]; synthesis: x[n] = Σ h[n − 2k]·a[k] +
-/// g[n − 2k]·d[k]. Low passes sum to √2.
+/// Analysis: `a[k] = Σ h̃[n]·x[n + 2k]`, `d[k] = Σ g̃[n]·x[n + 2k]`; synthesis:
+/// `x[n] = Σ h[n − 2k]·a[k] + g[n − 2k]·d[k]`. Low passes sum to √2.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilterBank {
     /// h̃.
