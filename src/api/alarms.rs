@@ -5,9 +5,10 @@
 
 use super::captures;
 use super::error::ApiError;
-use super::extract::{Path, Query, State, cut_page, in_range};
+use super::extract::{MAX_LIMIT, Path, Query, State, cut_page, page_limit};
+use super::handles::MachineHandle;
 use super::state::{ApiState, newest};
-use super::view::{AlarmHistory, MachineHandle, ShardRequest};
+use super::view::{AlarmHistory, ShardRequest};
 use super::wire::alarms::{
     AlarmDetailWire, AlarmEventWire, AlarmHistoryWire, AlarmListWire, AlarmLoadWire, AlarmWire,
     MachineLoadWire, alarm_id, parse_alarm_id,
@@ -21,9 +22,6 @@ use crate::store::EventQuery;
 use axum::Json;
 use serde::Deserialize;
 use utoipa::IntoParams;
-
-/// Items a page holds at most.
-const MAX_LIMIT: usize = 1000;
 
 /// Which alarms.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -63,7 +61,7 @@ pub(super) async fn list(
     State(state): State<ApiState>,
     Query(query): Query<ListQuery>,
 ) -> Result<Json<AlarmListWire>, ApiError> {
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let limit = page_limit(query.limit)?;
     let cursor = query.after.as_deref().map(cursor).transpose()?;
     let since = query.since.as_deref().map(since).transpose()?;
     let mut items = Vec::new();
@@ -124,7 +122,7 @@ pub(super) async fn history(
     State(state): State<ApiState>,
     Query(query): Query<HistoryQuery>,
 ) -> Result<Json<AlarmHistoryWire>, ApiError> {
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let limit = page_limit(query.limit)?;
     let cursor = query.after.as_deref().map(cursor).transpose()?;
     let since = query.since.as_deref().map(since).transpose()?;
     let (mut items, mut dropped) = (Vec::new(), 0_u64);

@@ -3,9 +3,9 @@
 use super::alarms::since;
 use super::error::ApiError;
 use super::events::read;
-use super::extract::{Query, State, cut_page, in_range};
+use super::extract::{PageQuery, Query, State, cursor, cut_page, page_limit};
+use super::handles::EventsHandle;
 use super::state::ApiState;
-use super::view::EventsHandle;
 use super::wire::audit::{AuditItemWire, AuditListWire, ConfigurationListWire, ConfigurationWire};
 use super::wire::problem::ProblemWire;
 use crate::store::audit::AuditQuery;
@@ -13,9 +13,6 @@ use axum::Json;
 use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::IntoParams;
-
-/// Items a page holds at most.
-const MAX_LIMIT: usize = 1000;
 
 /// Which acts.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -28,18 +25,6 @@ pub(super) struct ListQuery {
     author: Option<String>,
     /// At this time (RFC 3339) or later.
     since: Option<String>,
-    /// Items a page.
-    #[param(minimum = 1, maximum = 1000, default = 100)]
-    limit: Option<usize>,
-    /// `next` of the page before.
-    after: Option<String>,
-}
-
-/// Which configurations.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct PageQuery {
     /// Items a page.
     #[param(minimum = 1, maximum = 1000, default = 100)]
     limit: Option<usize>,
@@ -64,7 +49,7 @@ pub(super) async fn list(
     State(state): State<ApiState>,
     Query(query): Query<ListQuery>,
 ) -> Result<Json<AuditListWire>, ApiError> {
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let limit = page_limit(query.limit)?;
     // A machine that is no longer configured is asked for by its name, too.
     let machines = match query.machine {
         Some(machine) if !state.sees(&machine) => Some(Vec::new()),
@@ -101,8 +86,7 @@ pub(super) async fn configurations(
     State(state): State<ApiState>,
     Query(query): Query<PageQuery>,
 ) -> Result<Json<ConfigurationListWire>, ApiError> {
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
-    let before = cursor(query.after.as_deref())?;
+    let (before, limit) = query.page()?;
     let audit = Arc::clone(&events(&state)?.audit);
     let mut found = read(&audit, move |audit| audit.configurations(before, limit + 1)).await?;
     let next = cut_page(&mut found, limit, |(number, _)| number.to_string());
@@ -113,11 +97,4 @@ pub(super) async fn configurations(
 fn events(state: &ApiState) -> Result<&EventsHandle, ApiError> {
     let none = || ApiError::NotFound("this service has no store".to_owned());
     state.events.as_ref().ok_or_else(none)
-}
-
-pub(super) fn cursor(after: Option<&str>) -> Result<u64, ApiError> {
-    let Some(after) = after else { return Ok(u64::MAX) };
-    after.parse().map_err(|_| {
-        ApiError::Invalid(format!("after is {after:?}, allowed is the `next` of another page"))
-    })
 }

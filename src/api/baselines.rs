@@ -5,8 +5,9 @@
 
 use super::error::ApiError;
 use super::extract::{Body, Path, Query, State};
+use super::handles::{BaselineHandle, MachineHandle};
 use super::state::{ApiState, newest};
-use super::view::{BaselineHandle, MachineHandle, Measured, ShardRequest, Span};
+use super::view::{Measured, ShardRequest, Span};
 use super::wire::alarms::ActBody;
 use super::wire::baselines::{
     BaselineDetailWire, BaselineItemWire, BaselineListWire, LearnBody, LearnedWire,

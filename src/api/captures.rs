@@ -1,10 +1,11 @@
 //! Captures: list, download, ask for one; and which capture an alarm has.
 
 use super::error::ApiError;
-use super::extract::{Body, Path, Query, State, cut_page, in_range};
+use super::extract::{Body, Path, Query, State, cut_page, in_range, page_limit};
 use super::files;
+use super::handles::CaptureHandle;
 use super::state::ApiState;
-use super::view::{CaptureHandle, ShardRequest};
+use super::view::ShardRequest;
 use super::wire::alarms::{AlarmWire, parse_alarm_id};
 use super::wire::captures::{
     CaptureBegunWire, CaptureBody, CaptureLinkWire, CaptureListWire, CaptureWire, JudgedAgainWire,
@@ -22,9 +23,6 @@ use serde::Deserialize;
 use std::path::PathBuf;
 use std::sync::Arc;
 use utoipa::IntoParams;
-
-/// Items a page holds at most.
-const MAX_LIMIT: usize = 1000;
 
 /// Stream time an operator may ask for, s, as the configuration may at most.
 const MAX_BEFORE_S: f64 = 3600.0;
@@ -65,7 +63,7 @@ pub(super) async fn list(
     State(state): State<ApiState>,
     Query(query): Query<ListQuery>,
 ) -> Result<Json<CaptureListWire>, ApiError> {
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let limit = page_limit(query.limit)?;
     let parsed = |id: &str| {
         let wrong = || ApiError::Invalid(format!("{id:?} is no alarm id, e.g. rig-1:12"));
         let (machine, number) = parse_alarm_id(id).ok_or_else(wrong)?;

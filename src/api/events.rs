@@ -5,8 +5,8 @@
 
 use super::error::ApiError;
 use super::extract::{Query, State};
+use super::handles::EventsHandle;
 use super::state::ApiState;
-use super::view::EventsHandle;
 use super::wire::events::{HappenedWire, PlaceWire};
 use super::wire::problem::ProblemWire;
 use crate::store::StoreError;

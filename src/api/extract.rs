@@ -2,6 +2,8 @@
 
 use super::error::ApiError;
 use axum::extract::{FromRequest, FromRequestParts};
+use serde::Deserialize;
+use utoipa::IntoParams;
 
 /// The daemon as the caller may see it ([`super::entry`]).
 #[derive(Debug)]
@@ -52,4 +54,39 @@ pub(super) fn cut_page<T>(
     let next = found.get(limit).and_then(|_| found.get(limit.checked_sub(1)?)).map(name);
     found.truncate(limit);
     next
+}
+
+/// Which page of a list that grows at its head.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct PageQuery {
+    /// Items a page.
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: Option<usize>,
+    /// `next` of the page before.
+    after: Option<String>,
+}
+
+impl PageQuery {
+    /// The number behind which the page begins and how many items it holds.
+    pub(super) fn page(&self) -> Result<(u64, usize), ApiError> {
+        Ok((cursor(self.after.as_deref())?, page_limit(self.limit)?))
+    }
+}
+
+/// Items a page holds at most.
+pub(super) const MAX_LIMIT: usize = 1000;
+
+/// Items of a page: 100 where nothing is said.
+pub(super) fn page_limit(limit: Option<usize>) -> Result<usize, ApiError> {
+    in_range("limit", limit, 100, 1, MAX_LIMIT)
+}
+
+/// The number that the `next` of another page names; above all numbers where there is none.
+pub(super) fn cursor(after: Option<&str>) -> Result<u64, ApiError> {
+    let Some(after) = after else { return Ok(u64::MAX) };
+    after.parse().map_err(|_| {
+        ApiError::Invalid(format!("after is {after:?}, allowed is the `next` of another page"))
+    })
 }

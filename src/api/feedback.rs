@@ -1,11 +1,11 @@
 //! What people found of verdicts: kept beside the verdict as it was, listed, never learned from by itself.
 
-use super::audit::cursor;
 use super::error::ApiError;
 use super::events::read;
-use super::extract::{Body, Path, Query, State, cut_page, in_range};
+use super::extract::{Body, PageQuery, Path, Query, State, cut_page};
+use super::handles::FeedbackHandle;
 use super::state::{ApiState, newest};
-use super::view::{FeedbackHandle, MachineView};
+use super::view::MachineView;
 use super::wire::feedback::{FeedbackBody, FeedbackListWire, FeedbackWire};
 use super::wire::problem::ProblemWire;
 use crate::alarms::MAX_TEXT_CHARS;
@@ -13,24 +13,7 @@ use crate::diagnosis::fault::{ComponentKind, FaultMode};
 use crate::store::feedback::{Feedback, FeedbackQuery, Finding, Judgement};
 use axum::Json;
 use axum::http::StatusCode;
-use serde::Deserialize;
 use std::sync::Arc;
-use utoipa::IntoParams;
-
-/// Items a page holds at most.
-const MAX_LIMIT: usize = 1000;
-
-/// Which entries.
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-pub(super) struct PageQuery {
-    /// Items a page.
-    #[param(minimum = 1, maximum = 1000, default = 100)]
-    limit: Option<usize>,
-    /// `next` of the page before.
-    after: Option<String>,
-}
 
 /// Lists what people found of the verdicts on a machine, newest first.
 #[utoipa::path(
@@ -51,8 +34,7 @@ pub(super) async fn list(
     Query(query): Query<PageQuery>,
 ) -> Result<Json<FeedbackListWire>, ApiError> {
     state.machine(&id)?;
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
-    let before = cursor(query.after.as_deref())?;
+    let (before, limit) = query.page()?;
     let wanted = FeedbackQuery { machine: id, before, limit: limit + 1 };
     let store = Arc::clone(&handle(&state)?.store);
     let mut found = read(&store, move |store| store.list(&wanted)).await?;

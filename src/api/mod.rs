@@ -4,6 +4,7 @@
 //! document come from one registration ([`routes`]), so they cannot drift. Must not decide anything
 //! about machines: it shows, thins and converts.
 
+pub mod handles;
 pub mod view;
 pub mod wire;
 pub mod error;

@@ -1,10 +1,9 @@
 //! For tests of the API: what is played behind it, a shard thread and a simulated source.
 
+use super::handles::{NotTaken, ScenarioRequest, SimulationHandle};
 use super::support::{Behaviour, channel_infos, ring_status, sample};
 use super::tests::baselines::sample_measured;
-use super::view::{
-    AlarmHistory, NotTaken, ScenarioRequest, ShardRequest, SimulationHandle, Trend, Waveform,
-};
+use super::view::{AlarmHistory, ShardRequest, Trend, Waveform};
 use crate::alarms::{AlarmEngine, Moment};
 use crate::ingest::simulated::{Lag, Status};
 use crate::simulator::scenario::{ScenarioError, Wanted};

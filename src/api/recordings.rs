@@ -1,7 +1,7 @@
 //! Recordings: what was received and kept without a cause, file by file, for download and to learn baselines from.
 
 use super::error::ApiError;
-use super::extract::{Path, Query, State, cut_page, in_range};
+use super::extract::{Path, Query, State, cut_page, page_limit};
 use super::files;
 use super::state::ApiState;
 use super::wire::problem::ProblemWire;
@@ -13,9 +13,6 @@ use axum::response::Response;
 use serde::Deserialize;
 use std::path::PathBuf;
 use utoipa::IntoParams;
-
-/// Items a page holds at most.
-const MAX_LIMIT: usize = 1000;
 
 /// Which recordings.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -47,7 +44,7 @@ pub(super) async fn list(
     Query(query): Query<ListQuery>,
 ) -> Result<Json<RecordedListWire>, ApiError> {
     state.machine(&id)?;
-    let limit = in_range("limit", query.limit, 100, 1, MAX_LIMIT)?;
+    let limit = page_limit(query.limit)?;
     let growing = growing(&state, &id)?;
     let root = root(&state)?;
     let mut found = files::beside(move || store::recorded(&root, &id)).await?.map_err(|error| {

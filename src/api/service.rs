@@ -3,8 +3,9 @@
 use super::error::ApiError;
 use super::exposition;
 use super::extract::{Query, State, in_range};
+use super::handles::ReceiverStatus;
 use super::state::{ApiState, newest};
-use super::view::{ConfigurationView, ReceiverStatus, RecordingView, SourceState};
+use super::view::{ConfigurationView, RecordingView, SourceState};
 use super::wire::finite;
 use super::wire::machines::source_text;
 use super::wire::problem::ProblemWire;

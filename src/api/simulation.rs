@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::extract::{Body, State};
+use super::handles::{MachineHandle, NotTaken, ScenarioRequest, SimulationHandle};
 use super::state::{ApiState, newest};
-use super::view::{MachineHandle, NotTaken, ScenarioRequest, SimulationHandle};
 use super::wire::problem::ProblemWire;
 use super::wire::simulation::{ScenarioBody, SimulationListWire, SimulationWire};
 use crate::simulator::scenario::ScenarioError;

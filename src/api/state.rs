@@ -1,11 +1,12 @@
 //! What the handlers share.
 
 use super::error::ApiError;
-use super::recent::Recent;
-use super::view::{
-    BaselineHandle, CaptureHandle, ConfigurationView, EventsHandle, FeedbackHandle, IngestOpen,
-    MachineHandle, MachineView, ShardRequest, StoreHandle, TrendHandle,
+use super::handles::{
+    BaselineHandle, CaptureHandle, EventsHandle, FeedbackHandle, IngestOpen, MachineHandle,
+    StoreHandle, TrendHandle,
 };
+use super::recent::Recent;
+use super::view::{ConfigurationView, MachineView, ShardRequest};
 use crate::access::{Door, Token};
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};

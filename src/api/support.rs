@@ -1,12 +1,12 @@
 //! For tests of the API: a sample diagnosis, a machine, a small shard thread with known signals.
 
+use super::handles::{
+    BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, StoreHandle, TrendHandle,
+};
 use super::played::{sample_simulation, shard};
 use super::router;
 use super::state::{ApiState, Settings};
-use super::view::{
-    BaselineHandle, CaptureHandle, EventsHandle, MachineHandle, MachineView, ShardBusy,
-    SourceState, StoreHandle, TrendHandle,
-};
+use super::view::{MachineView, ShardBusy, SourceState};
 use crate::alarms::load;
 use crate::alarms::{self, AlarmEngine};
 use crate::buffer::RingStatus;
@@ -275,7 +275,7 @@ impl Service {
     }
 
     /// The same service with a store of what people found.
-    pub(crate) fn with_feedback(self, feedback: super::view::FeedbackHandle) -> Self {
+    pub(crate) fn with_feedback(self, feedback: super::handles::FeedbackHandle) -> Self {
         Self::of_state(self.state.with_feedback(feedback), self.view)
     }
 

@@ -2,9 +2,10 @@
 
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
+use super::handles::TrendHandle;
 use super::signals::MAX_POINTS;
 use super::state::{ApiState, channel, newest};
-use super::view::{MachineView, ShardRequest, Trend, TrendHandle};
+use super::view::{MachineView, ShardRequest, Trend};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{ComponentTrendWire, TrendColumnWire, TrendPointsWire, TrendWire};
 use super::wire::{KindName, TierName, finite, finite_column, rfc3339};

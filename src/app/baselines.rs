@@ -4,8 +4,8 @@
 use super::recording;
 use super::start_error::StartError;
 use super::stop::Stop;
-use crate::api::view::BaselineHandle;
-use crate::api::view::MachineHandle;
+use crate::api::handles::BaselineHandle;
+use crate::api::handles::MachineHandle;
 use crate::api::view::ShardRequest;
 use crate::capture::recording::store::recording as recording_file;
 use crate::causes::with_causes;

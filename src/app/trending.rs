@@ -8,7 +8,7 @@ use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::past::PastStream;
 use crate::alarms::past::PastWindow;
-use crate::api::view::TrendHandle;
+use crate::api::handles::TrendHandle;
 use crate::capture::recording::store::Store as Recordings;
 use crate::config::Config;
 use crate::pipeline::Outcome;

@@ -6,7 +6,7 @@
 use super::report;
 use super::simulate;
 use super::simulate::SimulateError;
-use crate::api::view::MachineHandle;
+use crate::api::handles::MachineHandle;
 use crate::app::daemon::Daemon;
 use crate::app::start_error::StartError;
 use crate::config;

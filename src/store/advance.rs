@@ -3,9 +3,9 @@
 use super::Batch;
 use super::StoreError;
 use super::names;
+use super::opening::failed;
 use super::rows;
 use super::rows::whole;
-use super::sqlite::failed;
 use crate::alarms::Advance;
 use crate::alarms::Deadline;
 use crate::alarms::Moment;

@@ -3,9 +3,9 @@
 use super::ConfigurationEntry;
 use super::StoreError;
 use super::events::SqliteEvents;
+use super::opening::failed;
 use super::rows;
 use super::rows::whole;
-use super::sqlite::failed;
 use crate::signal::Timestamp;
 use rusqlite::Row;
 use rusqlite::params;

@@ -5,9 +5,10 @@ use super::captures::CaptureIndex;
 use super::captures::CaptureQuery;
 use super::captures::CaptureState;
 use super::captures::SqliteCaptures;
+use super::opening;
+use super::opening::failed;
 use super::schema;
 use super::sqlite;
-use super::sqlite::failed;
 use super::trends;
 use rusqlite::Connection;
 use rusqlite::OpenFlags;
@@ -97,7 +98,7 @@ fn copy(from: &Path, to: &Path) -> Result<(), StoreError> {
     let copying = |source| failed("copying a database", source);
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(from, flags).map_err(copying)?;
-    connection.busy_timeout(sqlite::BUSY).map_err(copying)?;
+    connection.busy_timeout(opening::BUSY).map_err(copying)?;
     connection.execute("VACUUM INTO ?1", [to.to_string_lossy()]).map(drop).map_err(copying)
 }
 
@@ -141,11 +142,11 @@ fn check_state(file: &Path) -> Result<(), StoreError> {
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let checked = || {
         let connection = Connection::open_with_flags(file, flags).map_err(opening)?;
-        sqlite::check(&connection, file)?;
+        opening::check(&connection, file)?;
         let version = connection.query_row("PRAGMA user_version", (), |row| row.get(0));
         version.map_err(opening)
     };
-    let found: u32 = checked().map_err(|error| sqlite::with_place(error, file))?;
+    let found: u32 = checked().map_err(|error| opening::with_place(error, file))?;
     let known = schema::newest();
     if found > known {
         return Err(StoreError::Newer { file: file.to_owned(), found, known, backup: None });
@@ -166,7 +167,7 @@ impl Place {
     /// # Errors
     /// When a daemon has it, or there is something already.
     pub fn take(directory: &Path, may_replace: bool) -> Result<Self, BackupError> {
-        let lock = sqlite::lock(directory)?;
+        let lock = opening::lock(directory)?;
         let place = Self { directory: directory.to_owned(), _lock: lock };
         if let Some(found) = place.held()?.first().filter(|_| !may_replace) {
             let found = found.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -196,7 +197,7 @@ impl Place {
             let entry = entry.map_err(&reading)?;
             let name = entry.file_name().to_string_lossy().into_owned();
             let is_ours =
-                [sqlite::LOCK, GATHERED].contains(&name.as_str()) || name.starts_with(BEFORE);
+                [opening::LOCK, GATHERED].contains(&name.as_str()) || name.starts_with(BEFORE);
             if !is_ours {
                 found.push(entry.path());
             }

@@ -8,9 +8,10 @@ use super::Act;
 use super::BaselineStore;
 use super::Held;
 use super::StoreError;
+use super::opening;
+use super::opening::failed;
 use super::rows::whole;
 use super::sqlite;
-use super::sqlite::failed;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::Usual;
@@ -42,7 +43,7 @@ impl SqliteBaselines {
     /// # Errors
     /// When it cannot be opened.
     pub fn join(directory: &Path) -> Result<Self, StoreError> {
-        let connection = sqlite::beside(&directory.join(sqlite::FILE))?;
+        let connection = opening::beside(&directory.join(sqlite::FILE))?;
         Ok(Self { connection: Mutex::new(connection), _lock: None })
     }
 
@@ -51,7 +52,7 @@ impl SqliteBaselines {
     /// # Errors
     /// When it cannot be used, or a daemon with another schema has it.
     pub fn open(directory: &Path) -> Result<Self, StoreError> {
-        match sqlite::alone(directory) {
+        match opening::alone(directory) {
             Ok((connection, lock)) => {
                 Ok(Self { connection: Mutex::new(connection), _lock: Some(lock) })
             }

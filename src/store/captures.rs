@@ -5,10 +5,11 @@
 
 use super::Act;
 use super::StoreError;
+use super::opening;
+use super::opening::failed;
 use super::rows;
 use super::rows::whole;
 use super::sqlite;
-use super::sqlite::failed;
 use crate::signal::Timestamp;
 use rusqlite::Connection;
 use rusqlite::OptionalExtension;
@@ -194,7 +195,7 @@ impl SqliteCaptures {
     /// # Errors
     /// When it cannot be opened.
     pub fn join(directory: &Path) -> Result<Self, StoreError> {
-        let connection = sqlite::beside(&directory.join(sqlite::FILE))?;
+        let connection = opening::beside(&directory.join(sqlite::FILE))?;
         Ok(Self { connection: Mutex::new(connection) })
     }
 

@@ -3,7 +3,7 @@
 use super::Batch;
 use super::StoreError;
 use super::StreamKey;
-use super::sqlite::failed;
+use super::opening::failed;
 use crate::alarms::Decisions;
 use crate::tape::Tape;
 use rusqlite::Connection;

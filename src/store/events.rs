@@ -12,11 +12,12 @@ pub use super::happened::MaintenanceOutcome;
 
 use super::StoreError;
 use super::names;
+use super::opening;
+use super::opening::failed;
 use super::rows;
 use super::rows::Reader;
 use super::rows::whole;
 use super::sqlite;
-use super::sqlite::failed;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Moment;
 use crate::notify::Health;
@@ -108,7 +109,7 @@ impl SqliteEvents {
     /// # Errors
     /// When it cannot be opened.
     pub fn join(directory: &Path) -> Result<Self, StoreError> {
-        let connection = sqlite::beside(&directory.join(sqlite::FILE))?;
+        let connection = opening::beside(&directory.join(sqlite::FILE))?;
         Ok(Self { connection: Mutex::new(connection) })
     }
 

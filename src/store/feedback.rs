@@ -4,10 +4,11 @@
 
 use super::StoreError;
 use super::names;
+use super::opening;
+use super::opening::failed;
 use super::rows;
 use super::rows::whole;
 use super::sqlite;
-use super::sqlite::failed;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
@@ -127,7 +128,7 @@ impl SqliteFeedback {
     /// # Errors
     /// When it cannot be opened.
     pub fn join(directory: &Path) -> Result<Self, StoreError> {
-        let connection = sqlite::beside(&directory.join(sqlite::FILE))?;
+        let connection = opening::beside(&directory.join(sqlite::FILE))?;
         Ok(Self { connection: Mutex::new(connection) })
     }
 

@@ -15,6 +15,7 @@ pub mod backup;
 pub mod feedback;
 mod keep;
 mod names;
+mod opening;
 mod rows;
 mod schema;
 pub mod sqlite;

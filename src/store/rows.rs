@@ -224,7 +224,7 @@ pub(super) fn get<T: rusqlite::types::FromSql>(
     row: &Row<'_>,
     name: &'static str,
 ) -> Result<T, StoreError> {
-    row.get(name).map_err(|source| super::sqlite::failed("reading a row", source))
+    row.get(name).map_err(|source| super::opening::failed("reading a row", source))
 }
 
 fn named<T>(

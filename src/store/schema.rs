@@ -137,7 +137,7 @@ pub(super) fn readable_backup(file: &Path) -> Option<PathBuf> {
 pub(super) fn migrate(connection: &mut Connection, file: &Path, to: u32) -> Result<(), StoreError> {
     let from: u32 = connection
         .query_row("PRAGMA user_version", (), |row| row.get(0))
-        .map_err(|source| super::sqlite::failed("reading the schema", source))?;
+        .map_err(|source| super::opening::failed("reading the schema", source))?;
     if from > to {
         let backup = readable_backup(file);
         return Err(StoreError::Newer { file: file.to_owned(), found: from, known: to, backup });

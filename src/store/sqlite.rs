@@ -1,8 +1,7 @@
 //! The state database: one SQLite file with a write-ahead log, every commit on the disk before it is
 //! answered (`synchronous = FULL`).
 //!
-//! One connection writes, one reads. A lock beside the file keeps a second daemon away. At the opening
-//! the file is checked as a whole; what is damaged, foreign or newer is refused with the remedy.
+//! One connection writes, one reads ([`super::opening`] makes them).
 
 use super::Archive;
 use super::Batch;
@@ -12,50 +11,40 @@ use super::StateStore;
 use super::StoreError;
 use super::StreamKey;
 use super::advance;
-use super::backup;
 use super::decisions;
 use super::events;
+pub use super::opening::FILE;
+use super::opening::alone;
+use super::opening::beside;
+use super::opening::failed;
+use super::opening::reading;
+use super::opening::with_place;
 use super::rows;
 use super::rows::Reader;
 use super::rows::whole;
-use super::schema;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Kept;
 use crate::alarms::Moment;
 use crate::signal::Timestamp;
 use rusqlite::Connection;
-use rusqlite::ErrorCode;
-use rusqlite::OpenFlags;
 use rusqlite::OptionalExtension;
 use rusqlite::Transaction;
 use rusqlite::params;
 use rusqlite::params_from_iter;
 use rusqlite::types::Value;
-use std::fs;
 use std::fs::File;
-use std::fs::TryLockError;
 use std::path::Path;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::MutexGuard;
 use std::sync::PoisonError;
-use std::time::Duration;
-
-/// Name of the database in the store's folder.
-pub const FILE: &str = "state.db";
-
-/// Name of the lock beside it.
-pub(super) const LOCK: &str = "state.lock";
 
 /// Transitions kept; older ones give way. About 0.25 GB.
 const MAX_TRANSITIONS: i64 = 1_000_000;
 
 /// Transitions between two looks at their number.
 const LOOK_EVERY: u64 = 1000;
-
-/// How long a connection waits for the other.
-pub(super) const BUSY: Duration = Duration::from_secs(5);
 
 /// The writing connection.
 #[derive(Debug)]
@@ -107,106 +96,6 @@ pub fn read_only(directory: &Path) -> Result<Option<SqliteArchive>, StoreError> 
     }
     let reading = reading(&file).map_err(|error| with_place(error, &file))?;
     Ok(Some(SqliteArchive { connection: Mutex::new(reading) }))
-}
-
-/// Takes the lock of the store in `directory`, and makes the folder where it is missing.
-pub(super) fn lock(directory: &Path) -> Result<File, StoreError> {
-    let refused = |source| StoreError::Folder { directory: directory.to_owned(), source };
-    fs::create_dir_all(directory).map_err(refused)?;
-    let lock_file = directory.join(LOCK);
-    let lock = File::create(&lock_file).map_err(refused)?;
-    lock.try_lock().map_err(|error| match error {
-        TryLockError::WouldBlock => StoreError::InUse { file: lock_file },
-        TryLockError::Error(source) => refused(source),
-    })?;
-    Ok(lock)
-}
-
-/// Opens the database in `directory` for writing as its only process, and brings it up to date.
-pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> {
-    let lock = lock(directory)?;
-    if backup::is_unfinished(directory) {
-        return Err(StoreError::Unfinished { directory: directory.to_owned() });
-    }
-    let file = directory.join(FILE);
-    let connection = writing(&file).map_err(|error| with_place(error, &file))?;
-    Ok((connection, lock))
-}
-
-/// Opens another connection for writing to a database that a daemon has, and changes nothing in it.
-pub(super) fn beside(file: &Path) -> Result<Connection, StoreError> {
-    let opening = |source| failed("opening the store", source);
-    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let connection = Connection::open_with_flags(file, flags).map_err(opening)?;
-    connection.busy_timeout(BUSY).map_err(opening)?;
-    connection.pragma_update(None, "synchronous", "FULL").map_err(opening)?;
-    let found: u32 =
-        connection.query_row("PRAGMA user_version", (), |row| row.get(0)).map_err(opening)?;
-    if found == schema::newest() {
-        Ok(connection)
-    } else {
-        Err(StoreError::OtherVersion { file: file.to_owned(), found, known: schema::newest() })
-    }
-}
-
-fn writing(file: &Path) -> Result<Connection, StoreError> {
-    let opening = |source| failed("opening the store", source);
-    let mut connection = Connection::open(file).map_err(opening)?;
-    connection.busy_timeout(BUSY).map_err(opening)?;
-    check(&connection, file)?;
-    let mode: String = connection
-        .pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0))
-        .map_err(opening)?;
-    if mode != "wal" {
-        tracing::warn!(mode, "the store's file system allows no write-ahead log");
-    }
-    connection.pragma_update(None, "synchronous", "FULL").map_err(opening)?;
-    schema::migrate(&mut connection, file, schema::newest())?;
-    Ok(connection)
-}
-
-fn reading(file: &Path) -> Result<Connection, StoreError> {
-    let opening = |source| failed("opening the store for reading", source);
-    let connection = Connection::open(file).map_err(opening)?;
-    connection.busy_timeout(BUSY).map_err(opening)?;
-    connection.pragma_update(None, "query_only", true).map_err(opening)?;
-    Ok(connection)
-}
-
-/// Refuses a database of another program and one that is damaged.
-pub(super) fn check(connection: &Connection, file: &Path) -> Result<(), StoreError> {
-    let reading = |source| failed("checking the store", source);
-    let id: u32 =
-        connection.query_row("PRAGMA application_id", (), |row| row.get(0)).map_err(reading)?;
-    let n_tables: u32 = connection
-        .query_row("SELECT count(*) FROM sqlite_schema", (), |row| row.get(0))
-        .map_err(reading)?;
-    if n_tables > 0 && id != schema::APPLICATION_ID {
-        return Err(StoreError::Foreign { file: file.to_owned() });
-    }
-    let found: String =
-        connection.query_row("PRAGMA quick_check(1)", (), |row| row.get(0)).map_err(reading)?;
-    if found == "ok" { Ok(()) } else { Err(corrupt(file, found)) }
-}
-
-fn corrupt(file: &Path, found: String) -> StoreError {
-    let backup = schema::readable_backup(file);
-    StoreError::Corrupt { file: file.to_owned(), found, backup }
-}
-
-/// An error of the database says what was damaged, but not where.
-pub(super) fn with_place(error: StoreError, file: &Path) -> StoreError {
-    if let StoreError::Database { source, .. } = &error
-        && let Some(rusqlite::Error::SqliteFailure(code, _)) = source.downcast_ref()
-        && matches!(code.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)
-    {
-        return corrupt(file, source.to_string());
-    }
-    error
-}
-
-pub(super) fn failed(doing: &'static str, source: rusqlite::Error) -> StoreError {
-    StoreError::Database { doing, source: Box::new(source) }
 }
 
 impl SqliteStore {

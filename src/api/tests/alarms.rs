@@ -1,8 +1,8 @@
 //! Alarm list, paging, acknowledgement, history.
 
 use crate::alarms::{Act, Action, AlarmEngine, Kept, Moment, Settings};
+use crate::api::handles::StoreHandle;
 use crate::api::support::{Behaviour, Service, sample_diagnosis, sample_view};
-use crate::api::view::StoreHandle;
 use crate::diagnosis::fault::State;
 use crate::store::writer::Status;
 use crate::store::{Batch, StateStore, StreamKey, sqlite};

@@ -1,7 +1,8 @@
 //! Baselines over a real store and the small shard: learned, listed, used, removed, refused.
 
+use crate::api::handles::BaselineHandle;
 use crate::api::support::{Behaviour, Service};
-use crate::api::view::{BaselineHandle, Measured, Span};
+use crate::api::view::{Measured, Span};
 use crate::diagnosis::baseline::{OperatingPoint, Record, Usual};
 use crate::signal::Timestamp;
 use crate::store::SqliteBaselines;

@@ -1,7 +1,7 @@
 //! Captures: listed, given as files, linked from alarms, asked for; what is gone or still written is told.
 
+use crate::api::handles::CaptureHandle;
 use crate::api::support::Service;
-use crate::api::view::CaptureHandle;
 use crate::signal::Timestamp;
 use crate::store::captures::CaptureEntry;
 use crate::store::captures::CaptureIndex;

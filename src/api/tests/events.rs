@@ -1,7 +1,7 @@
 //! The stream of events over a real log; it ends here because its store has.
 
+use super::super::handles::EventsHandle;
 use super::super::support::{Behaviour, Service};
-use super::super::view::EventsHandle;
 use crate::alarms::{AlarmEngine, Moment, Settings};
 use crate::api::support::sample_diagnosis;
 use crate::notify::HealthWatch;

@@ -1,9 +1,9 @@
 //! Machines, health, diagnosis, service pages.
 
+use crate::api::handles::FeedbackHandle;
 use crate::api::openapi_text;
 use crate::api::support::{Service, golden};
 use crate::api::tests::{baselines, captures, events, recordings, trends};
-use crate::api::view::FeedbackHandle;
 use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
 use crate::signal::Timestamp;

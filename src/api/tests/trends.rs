@@ -1,8 +1,8 @@
 //! Trends from the store: of before a restart, of components, thinned, with their gaps.
 
 use crate::alarms::past::{PastStream, PastVerdict, PastWindow};
+use crate::api::handles::TrendHandle;
 use crate::api::support::Service;
-use crate::api::view::TrendHandle;
 use crate::diagnosis::fault::{ComponentKind, FaultMode, State};
 use crate::diagnosis::verdict::OperatingState;
 use crate::features::{ChannelFeatures, Feature};

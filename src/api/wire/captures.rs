@@ -3,7 +3,7 @@
 use super::alarms::alarm_id;
 use super::diagnosis::DiagnosisDocument;
 use super::{finite, rfc3339};
-use crate::api::view::JudgedAgain;
+use crate::api::handles::JudgedAgain;
 use crate::store::captures::{CaptureEntry, CaptureLink};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -11,6 +11,7 @@ pub mod evaluation;
 pub mod bearings;
 pub mod maintenance;
 pub mod machines;
+pub mod parts;
 pub mod signals;
 pub mod joint;
 pub mod orbit;

@@ -1,6 +1,6 @@
 //! A capture judged again for HTTP, as `rotorwatch diagnose` and `diagnose --evidence` do.
 
-use crate::api::view::JudgedAgain;
+use crate::api::handles::JudgedAgain;
 use crate::causes::with_causes;
 use crate::evidence;
 use crate::evidence::again::Compared;

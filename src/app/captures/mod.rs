@@ -158,7 +158,7 @@ impl Capturer {
 pub(super) struct Captures {
     pub(super) capturer: Capturer,
     pub(super) plan: CapturesPlan,
-    pub(super) handle: crate::api::view::CaptureHandle,
+    pub(super) handle: crate::api::handles::CaptureHandle,
 }
 
 /// Bytes that captures of a stream need in memory: what is held, and what waits for the disk.
@@ -198,7 +198,7 @@ pub(super) fn open(
     let capturer =
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
     let judge = Arc::new(again::judge);
-    let handle = crate::api::view::CaptureHandle { index: Arc::clone(&index), root, judge };
+    let handle = crate::api::handles::CaptureHandle { index: Arc::clone(&index), root, judge };
     let plan =
         CapturesPlan { jobs: inbox, waiting, index, store, metrics, room, troubles, give_way };
     Ok(Some(Captures { capturer, plan, handle }))

@@ -1,7 +1,7 @@
 //! The way of all senders of one machine into its shard's queue.
 
 use super::Room;
-use crate::api::view::IngestView;
+use crate::api::handles::IngestView;
 use crate::api::view::SourceState;
 use crate::app::build;
 use crate::app::link::Input;

@@ -3,7 +3,7 @@
 //! The time is an argument and sending a function, so that hours of a dead receiver are tested in no time.
 
 use super::Begun;
-use crate::api::view::ReceiverView;
+use crate::api::handles::ReceiverView;
 use crate::notify::Answer;
 use crate::notify::Backoff;
 use crate::notify::Courier;

@@ -8,7 +8,7 @@ use super::carrier::Due;
 use super::carrier::Follower;
 use super::states::Retained;
 use super::states::States;
-use crate::api::view::MachineHandle;
+use crate::api::handles::MachineHandle;
 use crate::api::wire::events::HappenedWire;
 use crate::app::Clock;
 use crate::app::broker;

@@ -1,6 +1,6 @@
 //! What stands in the retained topics of a broker, and what of it is due to be published.
 
-use crate::api::view::MachineHandle;
+use crate::api::handles::MachineHandle;
 use crate::api::wire::alarms::AlarmWire;
 use crate::api::wire::events;
 use crate::api::wire::machines::HealthWire;

@@ -5,7 +5,7 @@
 //! of.
 
 use super::super::StoreError;
-use super::super::sqlite::failed;
+use super::super::opening::failed;
 use rusqlite::Connection;
 use rusqlite::ErrorCode;
 use rusqlite::OpenFlags;
