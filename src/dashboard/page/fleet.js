@@ -156,7 +156,7 @@ export function openFleet(root) {
       const made = signature(machine, isWide);
       const known = rows.get(machine.id);
       if (known?.made === made) return known.element;
-      const element = row(machine, isWide);
+      const element = renewed(known?.element, row(machine, isWide));
       rows.set(machine.id, { made, element });
       return element;
     });
@@ -166,16 +166,30 @@ export function openFleet(root) {
   return { update, close() {} };
 }
 
+/**
+ * A row with new content in the element of old: what the browser knows of it stays, its height above all, which it
+ * only guesses for a row that was never drawn; a list whose guesses change jumps under its reader.
+ */
+function renewed(old, fresh) {
+  if (!old) return fresh;
+  const link = old.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
+  old.className = fresh.className;
+  old.setAttribute("aria-label", fresh.getAttribute("aria-label"));
+  old.replaceChildren(...fresh.childNodes);
+  if (link) old.querySelector(`a[href="${CSS.escape(link)}"]`)?.focus({ preventScroll: true });
+  return old;
+}
+
 /** Puts elements in their order, moving only those that stand elsewhere: focus and scrolling stay. */
 function place(list, elements) {
-  const focused = document.activeElement?.closest?.("[data-machine]");
-  const link = focused && list.contains(focused) ? document.activeElement.getAttribute("href") : null;
+  const focused = list.contains(document.activeElement) ? document.activeElement : null;
   const wanted = new Set(elements);
   for (const child of [...list.children]) if (!wanted.has(child)) child.remove();
   elements.forEach((element, i) => {
     if (list.children[i] !== element) list.insertBefore(element, list.children[i] ?? null);
   });
-  if (link && !list.contains(document.activeElement)) list.querySelector(`a[href="${CSS.escape(link)}"]`)?.focus({ preventScroll: true });
+  // An element that is moved loses it.
+  if (focused && list.contains(focused)) focused.focus({ preventScroll: true });
 }
 
 export { meter };
