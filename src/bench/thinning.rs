@@ -1,13 +1,14 @@
 //! Verdicts against channels a core: what is lost when the analysis is thinned.
 //!
-//! Bearing trials of the stand, with their known answers, judged in windows of several lengths and at fractions of
-//! their sampling rate. A trial is cut into windows; its verdict is that of all of them.
+//! Bearing trials of the stand, with their known answers, judged in windows of several lengths, at fractions of their
+//! sampling rate, and in fewer demodulation bands. A trial is cut into windows; its verdict is that of all of them.
 
 use super::clock::{self, Yardstick};
 use super::table::{Cell, Column};
 use super::{BenchError, Tell};
 use crate::dsp::fir::Decimator;
 use crate::evaluation::score::{self, Outcome};
+use crate::features::bands;
 use crate::trials::Trial;
 use crate::trials::grid::{self, Plan, Task};
 use crate::units::Hz;
@@ -15,9 +16,10 @@ use cpu_time::ThreadTime;
 use serde_json::{Value, json};
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 12] = [
+pub const COLUMNS: [Column; 13] = [
     Column { name: "window_s", width: 8 },
     Column { name: "rate_part", width: 9 },
+    Column { name: "bands", width: 5 },
     Column { name: "trials", width: 6 },
     Column { name: "right", width: 5 },
     Column { name: "detected", width: 8 },
@@ -30,27 +32,56 @@ pub const COLUMNS: [Column; 12] = [
     Column { name: "channels_a_core", width: 15 },
 ];
 
+/// How the analysis is thinned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinned {
+    /// Length of a window, s.
+    pub window_s: f64,
+    /// One sample of so many is kept.
+    pub every: u32,
+    /// Levels of demodulation bands.
+    pub band_levels: usize,
+}
+
+/// Not thinned: trials are of this length.
+const WHOLE: Thinned = Thinned { window_s: 12.0, every: 1, band_levels: bands::LEVELS };
+
 /// How much is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
     /// Trials of the stand, evenly taken from a seed's.
     pub n_trials: usize,
-    /// Length of a window, s, and one sample of how many is kept.
-    pub settings: &'static [(f64, u32)],
+    /// How the analysis is thinned.
+    pub settings: &'static [Thinned],
 }
 
 impl Effort {
     /// What figures are published with.
     pub const WHOLE: Self = Self {
         n_trials: 120,
-        settings: &[(12.0, 1), (6.0, 1), (3.0, 1), (1.5, 1), (12.0, 2), (12.0, 4), (6.0, 2)],
+        settings: &[
+            WHOLE,
+            Thinned { window_s: 6.0, ..WHOLE },
+            Thinned { window_s: 3.0, ..WHOLE },
+            Thinned { window_s: 1.5, ..WHOLE },
+            Thinned { every: 2, ..WHOLE },
+            Thinned { every: 4, ..WHOLE },
+            Thinned { band_levels: 2, ..WHOLE },
+            Thinned { band_levels: 1, ..WHOLE },
+            Thinned { window_s: 6.0, every: 2, ..WHOLE },
+            Thinned { window_s: 6.0, every: 2, band_levels: 2 },
+        ],
     };
 
     /// Minutes of work, for every change.
-    pub const THINNED: Self = Self { n_trials: 10, settings: &[(12.0, 1), (6.0, 2)] };
+    pub const THINNED: Self = Self {
+        n_trials: 10,
+        settings: &[WHOLE, Thinned { window_s: 6.0, every: 2, band_levels: 2 }],
+    };
 
     /// A second of work: shows that it works.
-    pub const QUICK: Self = Self { n_trials: 1, settings: &[(3.0, 4)] };
+    pub const QUICK: Self =
+        Self { n_trials: 1, settings: &[Thinned { window_s: 3.0, every: 4, band_levels: 1 }] };
 
     /// For the documents.
     #[must_use]
@@ -75,9 +106,9 @@ pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, Bench
     let tasks: Vec<&Task> = tasks.iter().filter(|task| matches!(task, Task::Stand(..))).collect();
     let every = (tasks.len() / effort.n_trials.max(1)).max(1);
     let mut rows = Vec::new();
-    for (window_s, every_sample) in effort.settings {
+    for thinned in effort.settings {
         let taken = tasks.iter().step_by(every).take(effort.n_trials);
-        let row = row(taken.copied(), (*window_s, *every_sample))?;
+        let row = row(taken.copied(), *thinned)?;
         tell(&row)?;
         rows.push(row);
     }
@@ -86,7 +117,7 @@ pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, Bench
 
 fn row<'t>(
     tasks: impl Iterator<Item = &'t Task>,
-    (window_s, every): (f64, u32),
+    Thinned { window_s, every, band_levels }: Thinned,
 ) -> Result<Vec<Cell>, BenchError> {
     let mut outcomes = Vec::new();
     let (mut cpu_s, mut channel_s) = (0.0, 0.0);
@@ -98,7 +129,7 @@ fn row<'t>(
             thin(&mut trial, every);
             channel_s += seconds(&trial);
             let begun = ThreadTime::now();
-            let diagnosis = trial.diagnose_in(window_s);
+            let diagnosis = trial.diagnose_thinned(window_s, band_levels);
             cpu_s += begun.elapsed().as_secs_f64();
             let diagnosis = diagnosis.map_err(|error| BenchError::Write(Box::new(error)))?;
             let scored = diagnosis.map(|d| score::score(&trial.known, &[], &d)).transpose();
@@ -114,6 +145,8 @@ fn row<'t>(
     Ok(vec![
         Cell::Plain(window_s, 1),
         Cell::Plain(1.0 / f64::from(every), 2),
+        // Each as measured and whitened.
+        Cell::Plain((2 * ((1 << band_levels) - 1)) as f64, 0),
         Cell::Plain(outcomes.len() as f64, 0),
         count(Outcome::Right),
         count(Outcome::Detected),

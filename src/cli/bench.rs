@@ -7,11 +7,9 @@ use super::output::OutputError;
 use super::simulate;
 use crate::bench;
 use crate::bench::BenchError;
+use crate::bench::Tell;
 use crate::bench::computer::Computer;
-use crate::bench::monitor;
 use crate::bench::signal;
-use crate::bench::simulator::Effort;
-use crate::bench::simulator::precision;
 use crate::bench::stability::Search;
 use crate::bench::stability::rows::Row;
 use crate::bench::table;
@@ -37,8 +35,8 @@ Examples:
   rotorwatch bench monitor
   rotorwatch bench monitor --channels 100 --seconds 20
 
-simulator: error and processor time of classes of scenes at several accuracies asked for, then of several methods and
-steps, with what is chosen among them (minutes).
+simulator: error and processor time of classes of scenes at several accuracies asked for; of several methods and
+steps, with what is chosen among them; of numbers of shapes; and what a scene saves that lacks a part (minutes).
 stability: hard cases against what is known of them, then 10 000 scenes and 2000 signals at random, and both ends of every
 number of a file (half an hour); --scenes 1 --first-seed N has one scene again, and with
 --out its file.
@@ -193,74 +191,98 @@ fn bench_streamed(load: bench_live::Load, out: Option<&Path>) -> Result<(), Fail
     none_missed(usize::from(!is_exact), 1)
 }
 
+/// Measures the rows of one table, shows each as it comes, writes them all.
+fn table(
+    (name, out): (&str, Option<&Path>),
+    (columns, settings): (&'static [Column], Value),
+    run: impl FnOnce(&mut Tell<'_>) -> Result<Vec<Vec<Cell>>, BenchError>,
+    plots: impl FnOnce(&[Vec<Cell>]) -> Vec<String>,
+) -> Result<Vec<Vec<Cell>>, Failure> {
+    let mut page = Page::begin(columns)?;
+    let rows = run(&mut |row| page.row(row))?;
+    page.write(name, out, &settings, &rows, &plots(&rows))?;
+    Ok(rows)
+}
+
+/// No plot of a table.
+fn bare(_: &[Vec<Cell>]) -> Vec<String> {
+    Vec::new()
+}
+
 fn bench_simulator(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    use bench::simulator::{COLUMNS, Effort, n_missed, parts, plot, precision, run, shapes};
     let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
     let folder = tempfile::tempdir()
         .map_err(|source| Failure::Folder { folder: std::env::temp_dir(), source })?;
     let capture = folder.path().join("bench.h5");
-    let mut page = Page::begin(&bench::simulator::COLUMNS)?;
     let mut record = |simulation: &mut _| {
         let written = simulate::write(simulation, (None, 1), &capture, &mut |_| ());
         written.map_err(Into::into)
     };
-    let rows = bench::simulator::run(&effort, &mut record, &mut |row| page.row(row))?;
-    let plots: Vec<String> = bench::simulator::plot(&rows).into_iter().collect();
-    page.write("simulator", out, &effort.json(), &rows, &plots)?;
-    let (missed, total) = bench_methods(out, arguments)?;
-    none_missed(bench::simulator::n_missed(&rows) + missed, rows.len() + total)
-}
+    let plots = |rows: &[_]| plot(rows).into_iter().collect();
+    let of = (&COLUMNS[..], effort.json());
+    let rows = table(("simulator", out), of, |tell| run(&effort, &mut record, tell), plots)?;
+    let (mut missed, mut total) = (n_missed(&rows), rows.len());
 
-/// Methods and steps against each other: how many choices miss their accuracy, of how many rows.
-fn bench_methods(out: Option<&Path>, arguments: &Arguments) -> Result<(usize, usize), Failure> {
-    use precision::Effort;
-    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
-    let mut page = Page::begin(&precision::COLUMNS)?;
-    let rows = precision::run(&effort, &mut |row| page.row(row))?;
-    let plots = precision::plots(&rows);
-    page.write("methods", out, &effort.json(), &rows, &plots)?;
-    Ok((precision::n_missed(&rows), rows.len()))
+    use precision::Effort as OfMethods;
+    let effort = arguments.effort([OfMethods::QUICK, OfMethods::THINNED, OfMethods::WHOLE]);
+    let of = (&precision::COLUMNS[..], effort.json());
+    let run = |tell: &mut Tell<'_>| precision::run(&effort, tell);
+    let rows = table(("methods", out), of, run, precision::plots)?;
+    (missed, total) = (missed + precision::n_missed(&rows), total + rows.len());
+
+    use shapes::Effort as OfShapes;
+    let effort = arguments.effort([OfShapes::QUICK, OfShapes::THINNED, OfShapes::WHOLE]);
+    let of = (&shapes::COLUMNS[..], effort.json());
+    let plots = |rows: &[_]| shapes::plot(rows).into_iter().collect();
+    let rows = table(("shapes", out), of, |tell| shapes::run(&effort, tell), plots)?;
+    (missed, total) = (missed + shapes::n_missed(&rows), total + rows.len());
+
+    use parts::Effort as OfParts;
+    let effort = arguments.effort([OfParts::QUICK, OfParts::THINNED, OfParts::WHOLE]);
+    let of = (&parts::COLUMNS[..], effort.json());
+    let rows = table(("parts", out), of, |tell| parts::run(&effort, tell), bare)?;
+    none_missed(missed, total + rows.len())
 }
 
 fn bench_stability(out: Option<&Path>, search: &Search) -> Result<(), Failure> {
-    let mut page = Page::begin(&Row::COLUMNS)?;
-    let rows = bench::stability::run(search, &mut |row| page.row(row))?;
-    let cells: Vec<Vec<Cell>> = rows.iter().map(Row::cells).collect();
+    let mut rows = Vec::new();
+    let run = |tell: &mut Tell<'_>| {
+        rows = bench::stability::run(search, &mut |row| tell(row))?;
+        Ok(rows.iter().map(Row::cells).collect())
+    };
+    table(("stability", out), (&Row::COLUMNS, search.json()), run, bare)?;
     if let (Some(folder), 1) = (out, search.n_scenes) {
         // One that is to be looked at.
         let drawn = bench::stability::drawn::scene(search.first_seed);
         file(&folder.join(format!("scene-{}.toml", search.first_seed)), &drawn.text)?;
     }
-    page.write("stability", out, &search.json(), &cells, &[])?;
     none_missed(rows.iter().filter(|row| !row.holds()).count(), rows.len())
 }
 
 fn bench_signal(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
-    use signal::Effort;
+    use signal::{COLUMNS, Effort};
     let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
-    let mut page = Page::begin(&signal::COLUMNS)?;
-    let rows = signal::run(&effort, &mut |row| page.row(row))?;
-    let plots: Vec<String> = signal::plot(&rows).into_iter().collect();
-    page.write("signal", out, &effort.json(), &rows, &plots)?;
+    let plots = |rows: &[_]| signal::plot(rows).into_iter().collect();
+    let run = |tell: &mut Tell<'_>| signal::run(&effort, tell);
+    let rows = table(("signal", out), (&COLUMNS, effort.json()), run, plots)?;
     none_missed(signal::n_missed(&rows), rows.len())
 }
 
+/// The whole pipeline, then what is lost when the analysis is thinned.
 fn bench_monitor(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
+    use bench::{monitor, thinning};
     use monitor::Effort;
     let effort = arguments.effort([Effort::QUICK, Effort::QUICK, Effort::WHOLE]);
-    let mut page = Page::begin(&monitor::COLUMNS)?;
-    let rows = monitor::run(&effort, &mut |row| page.row(row))?;
-    let plots: Vec<String> = monitor::plot(&rows).into_iter().collect();
-    page.write("monitor", out, &effort.json(), &rows, &plots)?;
-    bench_thinning(out, arguments)
-}
+    let plots = |rows: &[_]| monitor::plot(rows).into_iter().collect();
+    let run = |tell: &mut Tell<'_>| monitor::run(&effort, tell);
+    table(("monitor", out), (&monitor::COLUMNS, effort.json()), run, plots)?;
 
-/// What is lost when the analysis is thinned.
-fn bench_thinning(out: Option<&Path>, arguments: &Arguments) -> Result<(), Failure> {
-    use bench::thinning::{COLUMNS, Effort};
-    let effort = arguments.effort([Effort::QUICK, Effort::THINNED, Effort::WHOLE]);
-    let mut page = Page::begin(&COLUMNS)?;
-    let rows = bench::thinning::run(&effort, &mut |row| page.row(row))?;
-    page.write("thinning", out, &effort.json(), &rows, &[])
+    use thinning::Effort as OfThinning;
+    let effort = arguments.effort([OfThinning::QUICK, OfThinning::THINNED, OfThinning::WHOLE]);
+    let run = |tell: &mut Tell<'_>| thinning::run(&effort, tell);
+    table(("thinning", out), (&thinning::COLUMNS, effort.json()), run, bare)?;
+    Ok(())
 }
 
 /// Rounds of one job of `signal`: one, and one for every line of stdin.

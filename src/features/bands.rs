@@ -21,6 +21,9 @@ pub struct Band {
 /// Into how many equal bands the usable band is split at each level.
 const SPLITS: [u32; 3] = [1, 2, 4];
 
+/// Levels there are: the whole, halves, quarters.
+pub const LEVELS: usize = SPLITS.len();
+
 /// Part of the Nyquist band that is used when the sensor states no usable band: anti-alias filters
 /// of the field roll off above 0.9…0.95 of it.
 const USABLE_PART_OF_NYQUIST: f64 = 0.95;
@@ -35,13 +38,13 @@ pub fn usable_band(sensor: &Sensor, sample_rate: Hz) -> (Hz, Hz) {
     }
 }
 
-/// Lists the bands inside `usable` that are at least `min_width` wide, widest first.
+/// Lists the bands inside `usable` of the first `levels` that are at least `min_width` wide, widest first.
 #[must_use]
-pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz) -> Vec<Band> {
+pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec<Band> {
     let (low, high) = usable;
     let mut bands = Vec::new();
     for whitened in [false, true] {
-        for parts in SPLITS {
+        for parts in SPLITS.into_iter().take(levels) {
             let width = (high.0 - low.0) / f64::from(parts);
             if width < min_width.0 {
                 break;
@@ -61,7 +64,7 @@ mod tests {
 
     #[test]
     fn bands_tile_the_usable_band_at_each_level() {
-        let bands = demodulation_bands((Hz(100.0), Hz(4100.0)), Hz(500.0));
+        let bands = demodulation_bands((Hz(100.0), Hz(4100.0)), Hz(500.0), LEVELS);
         assert_eq!(bands.len(), 14);
         let quarters: Vec<_> = bands.iter().filter(|b| b.high.0 - b.low.0 < 1001.0).collect();
         assert_eq!(quarters.len(), 8);
@@ -70,7 +73,8 @@ mod tests {
 
     #[test]
     fn too_narrow_bands_are_left_out() {
-        assert_eq!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(400.0)).len(), 6);
-        assert!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(1001.0)).is_empty());
+        assert_eq!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(400.0), LEVELS).len(), 6);
+        assert_eq!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(1.0), 1).len(), 2);
+        assert!(demodulation_bands((Hz(0.0), Hz(1000.0)), Hz(1001.0), LEVELS).is_empty());
     }
 }

@@ -7,6 +7,7 @@ use super::WindowFeatures;
 use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
+use super::bands;
 use super::following;
 use super::gear;
 use super::limit;
@@ -59,6 +60,8 @@ pub struct Extractor {
     hints: SpeedHints,
     /// Channel of each sensor, if the stream has it.
     channel_of_sensor: Vec<Option<ChannelIndex>>,
+    /// Levels of demodulation bands.
+    band_levels: usize,
     plans: Plans,
 }
 
@@ -67,7 +70,14 @@ impl Extractor {
     #[must_use]
     pub fn new(machine: Arc<Machine>, channels: Vec<ChannelInfo>, hints: SpeedHints) -> Self {
         let channel_of_sensor = places(&machine, &channels);
-        Self { machine, channels, hints, channel_of_sensor, plans: Plans::new() }
+        let (band_levels, plans) = (bands::LEVELS, Plans::new());
+        Self { machine, channels, hints, channel_of_sensor, band_levels, plans }
+    }
+
+    /// The same, which demodulates in the first so many levels of bands ([`bands::LEVELS`]).
+    #[must_use]
+    pub fn in_levels(self, band_levels: usize) -> Self {
+        Self { band_levels, ..self }
     }
 
     /// Measures by another description of the machine from now on.
@@ -114,7 +124,8 @@ impl Extractor {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             elsewhere = speed::elsewhere(&speed);
             let others = elsewhere.iter().map(|other| other.first).collect();
-            let mut reader = LineReader::new(&machine, first).also_at(others);
+            let mut reader =
+                LineReader::new(&machine, first).also_at(others).in_levels(self.band_levels);
             for trace in traces.iter().chain(&cut) {
                 let sensor = &machine.sensors[trace.sensor];
                 let range = trace.range;

@@ -76,6 +76,8 @@ pub struct LineReader<'m> {
     first: Hz,
     /// Speeds the first shaft may turn at as well.
     elsewhere: Vec<Hz>,
+    /// Levels of demodulation bands.
+    band_levels: usize,
     scratch: Vec<f32>,
     /// Squared envelope of a band.
     e2: Vec<f32>,
@@ -88,13 +90,27 @@ impl<'m> LineReader<'m> {
     /// Prepares for the speed `first` of the first shaft.
     #[must_use]
     pub fn new(machine: &'m Machine, first: Hz) -> Self {
-        Self { machine, first, elsewhere: Vec::new(), scratch: Vec::new(), e2: Vec::new() }
+        let band_levels = bands::LEVELS;
+        Self {
+            machine,
+            first,
+            elsewhere: Vec::new(),
+            band_levels,
+            scratch: Vec::new(),
+            e2: Vec::new(),
+        }
     }
 
     /// The same, which looks at other speeds of the first shaft, too.
     #[must_use]
     pub fn also_at(self, elsewhere: Vec<Hz>) -> Self {
         Self { elsewhere, ..self }
+    }
+
+    /// The same, which demodulates in the first so many levels of bands.
+    #[must_use]
+    pub fn in_levels(self, band_levels: usize) -> Self {
+        Self { band_levels, ..self }
     }
 
     /// Reads all lines of all bearings that `sensor` listens to, in the squared envelope of its
@@ -162,7 +178,7 @@ impl<'m> LineReader<'m> {
         let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
         let mut depth = Vec::new();
-        for band in bands::demodulation_bands(usable, min_width) {
+        for band in bands::demodulation_bands(usable, min_width, self.band_levels) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
             let Some((bin_hz, mean_square)) =
                 self.depth_spectrum(source, (n, rate), band, (&mut depth, plans))

@@ -16,6 +16,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evaluation::truth::Known;
+use crate::features::bands;
 use crate::machine::Machine;
 use crate::machine::sensor::SensorKind;
 use crate::pipeline::Monitor;
@@ -91,15 +92,20 @@ impl Trial {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn diagnose(&self) -> Result<Option<Diagnosis>, MonitorError> {
-        self.diagnose_in(WINDOW_S)
+        self.diagnose_thinned(WINDOW_S, bands::LEVELS)
     }
 
-    /// The same, judged in windows of this length one behind the other, s.
+    /// The same, judged in windows of this length one behind the other, s, and in so many levels of demodulation bands.
     ///
     /// # Errors
     /// When no sensor of the machine has a channel.
-    pub fn diagnose_in(&self, window_s: f64) -> Result<Option<Diagnosis>, MonitorError> {
-        let (monitor, outcomes) = self.measured.run(self.baseline.clone(), window_s)?;
+    pub fn diagnose_thinned(
+        &self,
+        window_s: f64,
+        band_levels: usize,
+    ) -> Result<Option<Diagnosis>, MonitorError> {
+        let baseline = self.baseline.clone();
+        let (monitor, outcomes) = self.measured.run(baseline, window_s, band_levels)?;
         let judged: Vec<_> = outcomes.into_iter().map(|o| o.judged).collect();
         Ok(monitor.conclude(&judged))
     }
@@ -111,7 +117,7 @@ impl Measured {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn learn(&self, name: &str) -> Result<Record, MonitorError> {
-        let (monitor, outcomes) = self.run(Baseline::default(), WINDOW_S)?;
+        let (monitor, outcomes) = self.run(Baseline::default(), WINDOW_S, bands::LEVELS)?;
         let windows: Vec<_> = outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
         Ok(Record::of_windows(name, &windows, monitor.channels()))
     }
@@ -120,10 +126,12 @@ impl Measured {
         &self,
         baseline: Baseline,
         window_s: f64,
+        band_levels: usize,
     ) -> Result<(Monitor, Vec<Outcome>), MonitorError> {
         let settings = Settings { window_s, hop_s: window_s, baseline, ..Settings::default() };
         let machine = Arc::clone(&self.machine);
-        let mut monitor = Monitor::new(machine, self.channels.clone(), self.hints, &settings)?;
+        let monitor = Monitor::new(machine, self.channels.clone(), self.hints, &settings)?;
+        let mut monitor = monitor.in_band_levels(band_levels);
         let mut outcomes = Vec::new();
         for (index, samples) in self.samples.iter().enumerate() {
             let block = Block {

@@ -1,8 +1,8 @@
-//! The tables of docs/simulator.md: errors by step and by number of shapes.
+//! The tables of docs/simulator.md: errors by step.
 //!
 //! `cargo test --release --test stability -- --ignored --nocapture --test-threads 1 tables`
 
-use rotorwatch::bench::records::{Exact, Record, mean_accelerations, ported, stepped, worst};
+use rotorwatch::bench::records::{Exact, Record, ported, stepped, worst};
 use rotorwatch::bench::scenes::{A3, D0, D3, Rig, bow_run_up};
 use rotorwatch::simulator::reference::scene::Setting;
 
@@ -44,35 +44,6 @@ fn errors_by_step() {
 
 fn both(found: &Record, right: &Record) -> [f64; 2] {
     [worst(&found.bearings, &right.bearings), worst(&found.sensors, &right.sensors)]
-}
-
-#[test]
-#[ignore = "prints tables of a minute's work; what they say is held by other tests"]
-#[expect(clippy::print_stdout, reason = "that is what it is for")]
-fn errors_by_shapes() {
-    // Steps so short that not even the fastest shape of all appears at another frequency.
-    let (step_s, seconds) = (2e-6, 0.03);
-    println!("| scene | shapes | highest mode, Hz | bearings | sensors |\n|---|---|---|---|---|");
-    for (name, rig) in [("A, bearing 3", A3), ("D, bearing 3", D3), ("D, bearing 0", D0)] {
-        let with = |count: usize| {
-            let modes = format!("count = {count}\ndamping = 0.002\nelements_per_span = 4");
-            let setting = Setting::new(&Rig { modes: &modes, ..rig }.scene().unwrap()).unwrap();
-            let record = stepped(&setting, step_s, seconds, true);
-            let record = mean_accelerations(&setting, step_s, &record);
-            (setting, record)
-        };
-        let (whole, _) = with(12);
-        let (_, right) = with(whole.plan.n_dof - 2);
-        for count in [8, 10, 12, 14, 16, 20, 24, 28, 32, 36, 40] {
-            let (setting, found) = with(count);
-            let [bearings, sensors] = both(&found, &right);
-            let highest = setting.plan.highest_hz;
-            let n_attachments = setting.plan.n_attachments;
-            println!(
-                "| {name} | {count} + {n_attachments} | {highest:.0} | {bearings:.1e} | {sensors:.1e} |"
-            );
-        }
-    }
 }
 
 #[test]

@@ -1,11 +1,13 @@
 //! Speed against error of the simulator: classes of scenes at several accuracies asked for.
 //!
 //! `error` compares the beginning of a record, its start included, with the reference, `cost` measures processor time, `precision` compares methods and
-//! steps, those of others (`steppers`) among them.
+//! steps, those of others (`steppers`) among them, `shapes` compares numbers of shapes, `parts` tells what each part of a model costs.
 
 mod cost;
 mod error;
 pub mod precision;
+pub mod shapes;
+pub mod parts;
 mod steppers;
 
 use super::scenes::{self, A3};
