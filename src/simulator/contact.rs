@@ -294,6 +294,15 @@ impl Contacts {
         [-k * fx - d * vx, -k * fy - d * vy]
     }
 
+    /// A bound of the radial stiffness at a displacement of this length, N/m: every ball as deep in its contact as
+    /// the deepest, and turned so that half of them count.
+    #[must_use]
+    pub fn stiffness_bound_n_per_m(&self, displacement_m: f64) -> f64 {
+        let deepest_m = (displacement_m - self.bearing.clearance_m).max(0.0);
+        let all = 0.5 * f64::from(self.bearing.balls);
+        1.5 * self.bearing.contact_factor * deepest_m.sqrt() * all
+    }
+
     /// Radial stiffness of the unloaded fit, N/m, averaged over the cage's turn: what an
     /// interference makes of the contacts (0 with clearance).
     #[must_use]

@@ -297,6 +297,19 @@ impl Model {
         times_s.extend(angles.iter().filter_map(|a| self.speed.passes(*a, from_s, to_s)));
     }
 
+    /// A bound of the frequency at which the stiffest bearing moves what the shapes lend it of mass, rad/s: √(k·Σφ²), wherever
+    /// it comes to within `step_s` (R37).
+    #[must_use]
+    pub fn contact_rate_bound(&self, (q, v): (&[f64], &[f64]), step_s: f64) -> f64 {
+        let n = self.basis.len();
+        let square = |seat: &Seat| {
+            let length = |x: &[f64]| dot(&seat.row, &x[..n]).hypot(dot(&seat.row, &x[n..2 * n]));
+            let at_m = length(q) + step_s * length(v);
+            seat.contacts.stiffness_bound_n_per_m(at_m) * dot(&seat.row, &seat.row)
+        };
+        self.seats.iter().map(square).fold(0.0, f64::max).sqrt()
+    }
+
     /// Decides on which side of every edge a step lies, by its middle.
     pub fn set_side(&mut self, middle_s: f64) {
         self.side_s = Some(middle_s);

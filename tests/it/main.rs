@@ -49,3 +49,4 @@ mod simulated;
 mod combinations;
 mod bench;
 mod load;
+mod ends;

@@ -193,7 +193,23 @@ impl Daemon {
         Self::spawn_reading(command, dir).0
     }
 
-    fn spawn_reading(mut command: Command, dir: TempDir) -> (Self, BufReader<ChildStdout>) {
+    /// As [`Self::start_with`], but the daemon may refuse to start.
+    pub(crate) fn try_with(dir: TempDir, change: impl FnOnce(&mut Command)) -> Result<Self, Ended> {
+        let mut command = serve(&dir);
+        change(&mut command);
+        Self::try_spawn(command, dir).map(|(daemon, _)| daemon)
+    }
+
+    fn spawn_reading(command: Command, dir: TempDir) -> (Self, BufReader<ChildStdout>) {
+        Self::try_spawn(command, dir).unwrap_or_else(|ended| {
+            panic!("first line {:?}, stderr:\n{}", ended.stdout, ended.stderr)
+        })
+    }
+
+    fn try_spawn(
+        mut command: Command,
+        dir: TempDir,
+    ) -> Result<(Self, BufReader<ChildStdout>), Ended> {
         let mut child = command.spawn().unwrap();
         let mut stderr_pipe = child.stderr.take().unwrap();
         let stderr = thread::spawn(move || {
@@ -206,11 +222,13 @@ impl Daemon {
         let mut stdout = BufReader::new(child.stdout.take().unwrap());
         stdout.read_line(&mut line).unwrap();
         let Some(url) = line.strip_prefix("listening on ") else {
-            child.kill().unwrap();
-            panic!("first line {line:?}, stderr:\n{}", stderr.join().unwrap());
+            // Already ended, unless its first line was another one.
+            let _ended = child.kill();
+            let status = child.wait().unwrap();
+            return Err(Ended { status, stdout: line, stderr: stderr.join().unwrap() });
         };
         let base_url = url.trim_end().to_owned();
-        (Self { base_url, child, dir, stderr: Some(stderr) }, stdout)
+        Ok((Self { base_url, child, dir, stderr: Some(stderr) }, stdout))
     }
 
     /// Status and text of a `GET`, whatever the status.

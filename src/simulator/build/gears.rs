@@ -6,7 +6,7 @@ use super::super::modes::BasisError;
 use super::super::rotor::{Place, Plane, Rotor};
 use super::super::scene::{Faults, MateSeat, Scene, SceneErrors, SceneGear, SceneMate};
 use super::super::torsion::{Arm, Rod, Torsion};
-use super::{BAND_MARGIN, MODES, band_hz};
+use super::{BAND_MARGINS, MODES, band_hz};
 use std::f64::consts::TAU;
 
 /// Puts the gears of a scene, without their faults, and the torsion they need into a model.
@@ -78,7 +78,7 @@ fn torsion(
     let basis = if gear.is_rigid {
         rod.rigid(&arms, held)
     } else {
-        let highest = TAU * BAND_MARGIN.0 * band_hz(scene);
+        let highest = TAU * BAND_MARGINS.0 * band_hz(scene);
         rod.basis(&arms, held, highest, MODES.1)
     };
     let basis = basis.map_err(|error| refused(scene, error))?;

@@ -28,9 +28,13 @@ const STEPS_S: (f64, f64) = (20e-6, 0.5e-6);
 /// Steps a sample of the fastest channel, at least: what the anti-alias filter needs.
 const LEAST_STEPS: f64 = 4.0;
 
-/// Modes up to this multiple of the sensors' band are kept at an accuracy of 1e-4; it rises with a
-/// power of 1/accuracy. Measured: 14 + 2 shapes (2.4 times) err 5e-5, 20 + 2 (5.4 times) 9e-7.
-const BAND_MARGIN: (f64, f64) = (2.4, 0.176);
+/// Modes up to this multiple of the sensors' band are kept at an accuracy of 1e-4 and looser, and up to this one at a
+/// tighter one; below 1e-6 it rises with a power of 1/accuracy. Measured (`bench simulator`, table `shapes`): 14 + 2 shapes (2.4
+/// times) err 5e-5, 20 + 2 (5.4 times) 9e-7, those between no less than 14 + 2.
+const BAND_MARGINS: (f64, f64) = (2.4, 5.4);
+
+/// That power: 28 + 2 shapes (15 times) are followed to 1e-7 and better.
+const BAND_POWER: f64 = 0.25;
 
 /// Modes closer than this factor are kept or left out together: a shaft that is alike on both sides has
 /// pairs, and half a pair (19 + 2 shapes) errs a hundred times more than the whole (20 + 2).
@@ -194,8 +198,12 @@ fn choose_modes(scene: &Scene, plane: &Plane) -> Result<usize, SceneErrors> {
     }
     let (fewest, most) = (MODES.0 * scene.shafts.len(), MODES.1 * scene.shafts.len());
     let all = basis(scene, plane, most.min(plane.n_dof()), &[])?;
-    let (margin, power) = BAND_MARGIN;
-    let wanted = TAU * band_hz(scene) * margin * (1e-4 / scene.accuracy).powf(power).max(1.0);
+    let margin = if scene.accuracy >= 1e-4 {
+        BAND_MARGINS.0
+    } else {
+        BAND_MARGINS.1 * (1e-6 / scene.accuracy).powf(BAND_POWER).max(1.0)
+    };
+    let wanted = TAU * band_hz(scene) * margin;
     let below = all.omega_rad_per_s.iter().take_while(|omega| **omega < wanted).count();
     let mut count = (below + 1).clamp(fewest, most).min(all.len());
     let is_of_pair = |n: usize| all.omega_rad_per_s[n] < PAIR * all.omega_rad_per_s[n - 1];

@@ -54,6 +54,13 @@ const SAME_TIME: f64 = 1e-9;
 /// Most times teeth may meet or part between two edges; beyond, the step is taken as it is.
 const MOST_CROSSINGS: u32 = 32;
 
+/// Largest step × frequency of a contact, rad. A classical Runge–Kutta step of order 4, which the contacts see, grows from
+/// 2.83 on.
+const STIFFEST: f64 = 2.0;
+
+/// Most parts of a step: beyond, a motion that grows is told to grow.
+const MOST_PARTS: u32 = 256;
+
 impl Run {
     /// A run from rest, or from the state given, in steps of `step_s`. Of a state of both planes alone
     /// the torsion rests under its torque.
@@ -129,7 +136,11 @@ impl Run {
                 continue;
             }
             self.model.set_side(at_s + 0.5 * length_s);
-            self.smooth(at_s, length_s, first);
+            let n_parts = self.n_parts(length_s);
+            let part_s = length_s / f64::from(n_parts);
+            for part in 0..n_parts {
+                self.smooth(at_s + f64::from(part) * part_s, part_s, first && part == 0);
+            }
             first = false;
             at_s = cut_s;
             if last {
@@ -137,6 +148,17 @@ impl Run {
             }
         }
         self.cuts_s = cuts_s;
+    }
+
+    /// Into how many parts a step is divided so that it follows the contacts as stiff as they are now (R37): one, where
+    /// loads stay near what the step was chosen for; a power of two, so that few lengths come up.
+    fn n_parts(&self, length_s: f64) -> u32 {
+        let angle = length_s * self.model.contact_rate_bound((&self.q, &self.v), length_s);
+        let mut n_parts = 1;
+        while n_parts < MOST_PARTS && angle > STIFFEST * f64::from(n_parts) {
+            n_parts *= 2;
+        }
+        n_parts
     }
 
     /// A step without an edge that is known beforehand, cut where teeth meet or part.

@@ -135,3 +135,37 @@ fn steps_cut_at_the_edges_converge_with_the_fourth_power() {
     let order = 0.5 * (errors[0] / errors[2]).log2();
     assert!(order > 3.5, "{order}: {errors:?}");
 }
+
+#[test]
+fn a_step_is_divided_where_contacts_have_become_too_stiff_for_it() {
+    // So many balls that the potential is round; 1 kg a millimetre deep: 5e4 rad/s, 5 rad in a step of 100 µs.
+    let bearing = BallBearing {
+        balls: 400,
+        turns: 1.0,
+        contact_factor: 2.75e8,
+        clearance_m: 0.0,
+        cage_ratio: 0.4,
+        spin_ratio: 2.0,
+        first_ball_rad: 0.0,
+        damping_n_s_per_m: 0.0,
+        defects: Vec::new(),
+        waves: Vec::new(),
+    };
+    let run = |at_m: f64| {
+        let mut model = Model::new(jeffcott(), 0.0, SpeedProfile::Constant(1e-9));
+        let contacts = Contacts::new(bearing.clone());
+        model.seats.push(Seat { row: vec![1.0], support_n_per_m: 0.0, contacts });
+        Run::new(model, 1e-4, Some((vec![at_m, 0.0], vec![0.0, 0.0])))
+    };
+    let mut run_of = run(1e-3);
+    assert_eq!(run_of.n_parts(run_of.step_s), 4);
+    let mut furthest = 0.0_f64;
+    for _ in 0..20_000 {
+        run_of.step();
+        furthest = furthest.max(run_of.state().0[0].hypot(run_of.state().0[1]));
+    }
+    // Whole steps leave every number behind within a hundred of them; parts at the edge of stability follow coarsely.
+    assert!((0.5e-3..5e-3).contains(&furthest), "{furthest}");
+    // At rest nothing is divided.
+    assert_eq!(run(0.0).n_parts(1e-4), 1);
+}
