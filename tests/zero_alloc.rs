@@ -383,7 +383,7 @@ fn joint<T: Real>(n: usize) {
         assert_no_allocation("bilinear", n, || plan.process(&x_hat, &mut out));
     }
     let bank = FilterBank::daubechies(4).unwrap();
-    let mut dwt = DwtPlan::new(bank, 4096, 5).unwrap();
+    let mut dwt = DwtPlan::new(&bank, 4096, 5).unwrap();
     let (mut c, mut back) = (zeros::<T>(4096), zeros::<T>(4096));
     assert_no_allocation("dwt", n, || {
         dwt.analyse(&x[..4096.min(n)], &mut c);

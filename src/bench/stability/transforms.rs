@@ -281,7 +281,7 @@ fn there_and_back(x: &[f64], errors: &mut Errors) -> Option<()> {
     errors.take("Parseval", error, 1e-12, rounding);
     let n_even = n - n % 8;
     for bank in [FilterBank::daubechies(1), FilterBank::daubechies(8), FilterBank::spline(2, 4)] {
-        let mut plan = DwtPlan::new(bank?, n_even, 3)?;
+        let mut plan = DwtPlan::new(&bank?, n_even, 3)?;
         let (mut c, mut back) = (vec![0.0; n_even], vec![0.0; n_even]);
         plan.analyse(&x[..n_even], &mut c);
         plan.synthesise(&c, &mut back);

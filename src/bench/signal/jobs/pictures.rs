@@ -117,7 +117,7 @@ impl<T: Real> Tree<T> {
     pub(super) fn new(x: &[f64]) -> Option<Self> {
         let levels = x.len().ilog2();
         let n = 1_usize << levels;
-        let plan = DwtPlan::new(FilterBank::daubechies(8)?, n, levels.min(8))?;
+        let plan = DwtPlan::new(&FilterBank::daubechies(8)?, n, levels.min(8))?;
         Some(Self { x: narrow(&x[..n]), plan, out: zeros(n) })
     }
 }
