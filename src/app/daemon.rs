@@ -158,23 +158,13 @@ impl Daemon {
         };
         let settings = state::Settings {
             started_at: Some(since),
-            hosts: config.access.hosts.clone(),
-            cors_origins: config.access.cors_origins.clone(),
             is_encrypted: tls.is_some(),
-            max_streams: config.access.limits.max_event_streams,
             warnings,
-            ..state::Settings::new(address)
+            ..api_settings(config, address)
         };
         let max_connections = config.access.limits.max_connections;
         super::descriptors::provide(max_connections);
-        for (what, most) in [
-            ("http_connections", max_connections),
-            ("event_streams", config.access.limits.max_event_streams),
-            ("ingest_connections", config.ingest.max_connections),
-            ("queue_bytes", queues.iter().map(|queue| queue.max_bytes()).max().unwrap_or(0)),
-        ] {
-            metrics.state_capacity(what, most);
-        }
+        state_capacities(config, &metrics, &queues);
         let listener = http::Patient::new(listener, events.stalled.clone(), max_connections)
             .with_tls(tls.as_ref())
             .counting_refused(metrics.access().connections_refused);
@@ -388,6 +378,26 @@ fn bind_senders(address: SocketAddr) -> Result<(SocketAddr, TcpListener), StartE
 
 fn system(what: &'static str, source: io::Error) -> StartError {
     StartError::System { what, source }
+}
+
+/// What the interface may be asked, by the configuration.
+fn api_settings(config: &Config, address: SocketAddr) -> state::Settings {
+    let access = &config.access;
+    state::Settings {
+        hosts: access.hosts.clone(),
+        cors_origins: access.cors_origins.clone(),
+        max_streams: access.limits.max_event_streams,
+        ..state::Settings::new(address)
+    }
+}
+
+/// Tells how much there may be of what saturates.
+fn state_capacities(config: &Config, metrics: &telemetry::Metrics, queues: &[Arc<ShardQueue>]) {
+    let queue_bytes = queues.iter().map(|queue| queue.max_bytes()).max().unwrap_or(0);
+    metrics.state_capacity("http_connections", config.access.limits.max_connections);
+    metrics.state_capacity("event_streams", config.access.limits.max_event_streams);
+    metrics.state_capacity("ingest_connections", config.ingest.max_connections);
+    metrics.state_capacity("queue_bytes", queue_bytes);
 }
 
 /// Names the shards that do not come round, and why alarms cannot be stored.
