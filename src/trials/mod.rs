@@ -32,8 +32,11 @@ use crate::units::Hz;
 use crate::units::Unit;
 use std::sync::Arc;
 
-/// Longest window, s: a trial is one window.
+/// Longest window, s: a trial is one window unless it is thinned.
 const WINDOW_S: f64 = 12.0;
+
+/// Length of the blocks in which channels are handed in by turns, s.
+const TURN_S: f64 = 0.5;
 
 /// Samples of all channels of a machine, and what a monitor is told beside them.
 #[derive(Debug, Clone)]
@@ -133,18 +136,41 @@ impl Measured {
         let monitor = Monitor::new(machine, self.channels.clone(), self.hints, &settings)?;
         let mut monitor = monitor.in_band_levels(band_levels);
         let mut outcomes = Vec::new();
-        for (index, samples) in self.samples.iter().enumerate() {
-            let block = Block {
-                channel: ChannelIndex(index),
-                start: SampleIndex(0),
-                segment: 0,
-                time_s: 0.0,
-                samples: samples.clone(),
-            };
+        for block in self.blocks() {
             monitor.step(&block, &mut |outcome| outcomes.push(outcome));
         }
         monitor.finish(&mut |outcome| outcomes.push(outcome));
         Ok((monitor, outcomes))
+    }
+
+    /// The record as a recorder gives it, turn by turn: a window must not be judged before every channel has it.
+    fn blocks(&self) -> impl Iterator<Item = Block> {
+        let seconds = self.channels.iter().zip(&self.samples);
+        let seconds = seconds.map(|(info, samples)| samples.len() as f64 / info.sample_rate.0);
+        let turns = (0_u32..).map(|turn| f64::from(turn) * TURN_S);
+        let longest_s = seconds.fold(0.0, f64::max);
+        turns.take_while(move |begin_s| *begin_s < longest_s).flat_map(move |begin_s| {
+            let channels = self.channels.iter().zip(&self.samples).enumerate();
+            channels.filter_map(move |(index, (info, samples))| {
+                let place = |time_s: f64| {
+                    #[expect(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "a place in a record of seconds"
+                    )]
+                    let place = (time_s * info.sample_rate.0).round() as usize;
+                    place.min(samples.len())
+                };
+                let (from, to) = (place(begin_s), place(begin_s + TURN_S));
+                (from < to).then(|| Block {
+                    channel: ChannelIndex(index),
+                    start: SampleIndex(from as u64),
+                    segment: 0,
+                    time_s: from as f64 / info.sample_rate.0,
+                    samples: samples[from..to].to_vec(),
+                })
+            })
+        })
     }
 }
 
