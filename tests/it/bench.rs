@@ -44,6 +44,7 @@ fn the_simulator_keeps_the_accuracy_asked_for() {
     let page = fs::read_to_string(out.join("simulator.html")).unwrap();
     assert!(page.contains("<svg ") && page.contains("<th>cpu_s_per_s</th>"));
     methods_are_compared(&out);
+    shapes_and_parts_have_their_price(&out);
     let svg = fs::read_to_string(out.join("simulator.svg")).unwrap();
     assert!(svg.starts_with("<svg ") && svg.matches("<polyline ").count() == 2, "{svg}");
 }
@@ -64,6 +65,22 @@ fn methods_are_compared(out: &Path) {
         assert!(row["cost_over_best"].as_f64() >= Some(1.0), "{row}");
     }
     assert!(fs::read_to_string(out.join("methods.html")).unwrap().contains("<svg "));
+}
+
+/// The third and the fourth: what shapes left out do, and what parts cost.
+fn shapes_and_parts_have_their_price(out: &Path) {
+    let shapes = rows(out, "shapes");
+    let error = |row: &Value| row["error_sensors"].as_f64().unwrap();
+    let with = |n: f64| shapes.iter().find(|row| row["modes"] == 10.0 && row["attachments"] == n);
+    assert!(error(with(2.0).unwrap()) < 0.1 * error(with(0.0).unwrap()), "{shapes:?}");
+    let chosen: Vec<&Value> = shapes.iter().filter(|row| row["automatic"].is_f64()).collect();
+    assert!(!chosen.is_empty());
+    for row in chosen {
+        assert!(error(row) > 0.0 && Some(error(row)) <= row["automatic"].as_f64(), "{row}");
+    }
+    let parts = rows(out, "parts");
+    assert!(parts.len() == 2 && parts[0]["cost_over_whole"] == 1.0, "{parts:?}");
+    assert!(parts[1]["cost_over_whole"].as_f64() > Some(0.0), "{parts:?}");
 }
 
 #[test]
