@@ -117,7 +117,8 @@ pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, Bench
         let all = Choice { n_modes: Some(n_dof), has_attachments: false, accuracy: scene.accuracy };
         let all = self::record(&scene, all, effort)?.1;
         // The choice of the scene's own accuracy, if it is among them.
-        let usual = chosen.iter().find(|point| point.choice.accuracy == scene.accuracy);
+        let usual =
+            chosen.iter().find(|point| point.choice.accuracy.total_cmp(&scene.accuracy).is_eq());
         let usual_s = usual.map(|point| point.cpu_s_per_s);
         let both = |n_modes: &usize| {
             [true, false].map(|has_attachments| Choice {
