@@ -1,7 +1,7 @@
 //! The state database: one SQLite file with a write-ahead log, every commit on the disk before it is
 //! answered (`synchronous = FULL`).
 //!
-//! One connection writes, one reads ([`super::opening`] makes them).
+//! One connection writes, one reads (`opening` makes them).
 
 use super::Archive;
 use super::Batch;
