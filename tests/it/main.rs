@@ -39,6 +39,7 @@ mod baseline;
 mod browser;
 mod page;
 mod page_acts;
+mod page_tokens;
 mod pictures;
 mod diagnose;
 mod evaluate;
