@@ -11,6 +11,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use std::io::BufRead;
 use std::io::BufReader;
+use std::path::Path;
 use std::process::Child;
 use std::process::Command;
 use std::process::Stdio;
@@ -251,8 +252,16 @@ pub(crate) struct Demo {
 impl Demo {
     /// Starts `rotorwatch demo` with a scenario.
     pub(crate) fn start(scenario: &str) -> Self {
-        let mut command = support::command();
-        command.args(["demo", "--bind", "127.0.0.1:0", "--scenario", scenario]);
+        Self::spawn(support::command().args(["demo", "--scenario", scenario]))
+    }
+
+    /// The same, with its files in a folder that stays.
+    pub(crate) fn kept(folder: &Path, scenario: &str) -> Self {
+        Self::spawn(support::command().args(["demo", "--scenario", scenario, "--dir"]).arg(folder))
+    }
+
+    fn spawn(command: &mut Command) -> Self {
+        command.args(["--bind", "127.0.0.1:0"]);
         let mut child = command.stderr(Stdio::null()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let first = lines.next().unwrap().unwrap();

@@ -4,6 +4,9 @@
 #![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 
 mod support;
+#[path = "../fences/mod.rs"]
+mod fences;
+mod examples;
 mod access;
 mod secrets;
 mod tools;
