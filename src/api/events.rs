@@ -83,7 +83,7 @@ pub(super) async fn follow(
         place,
         pending,
         machine: query.machine,
-        seen: state.clone(),
+        seen: Arc::clone(&state),
         stored: events.stored.clone(),
         log: Arc::clone(&events.log),
         heartbeat: state.settings.heartbeat,
@@ -161,7 +161,7 @@ struct Follower {
     pending: VecDeque<Event>,
     machine: Option<String>,
     /// What is there for the reader.
-    seen: ApiState,
+    seen: Arc<ApiState>,
     stored: watch::Receiver<u64>,
     log: Arc<dyn EventLog>,
     heartbeat: Duration,

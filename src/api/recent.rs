@@ -1,6 +1,7 @@
 //! Answers that were just computed, kept as long as what they are made of is the newest: who asks for the same again is not
 //! computed anew. Bounded in number and bytes.
 
+use super::conditional::Tag;
 use axum::body::Bytes;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,10 +22,17 @@ pub(super) struct Key {
     pub(super) received: u64,
 }
 
+/// An answer and its tag; cheap to clone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Answer {
+    pub(super) body: Bytes,
+    pub(super) tag: Tag,
+}
+
 /// The answers; cheap to clone.
 #[derive(Debug, Clone)]
 pub(super) struct Recent {
-    kept: Arc<Mutex<VecDeque<(Key, Bytes)>>>,
+    kept: Arc<Mutex<VecDeque<(Key, Answer)>>>,
     gates: Arc<[tokio::sync::Mutex<()>; GATES]>,
 }
 
@@ -43,7 +51,7 @@ impl Recent {
         &self,
         key: Key,
         compute: impl Future<Output = Result<Bytes, E>>,
-    ) -> Result<Bytes, E> {
+    ) -> Result<Answer, E> {
         if let Some(found) = self.find(&key) {
             return Ok(found);
         }
@@ -56,25 +64,26 @@ impl Recent {
         if let Some(found) = self.find(&key) {
             return Ok(found);
         }
-        let made = compute.await?;
+        let body = compute.await?;
+        let made = Answer { tag: Tag::of(&body), body };
         self.keep(key, made.clone());
         Ok(made)
     }
 
-    fn find(&self, key: &Key) -> Option<Bytes> {
+    fn find(&self, key: &Key) -> Option<Answer> {
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().find(|(one, _)| one == key).map(|(_, answer)| answer.clone())
     }
 
     /// Keeps an answer instead of an older one to the same question; the oldest give way.
-    fn keep(&self, key: Key, answer: Bytes) {
+    fn keep(&self, key: Key, answer: Answer) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain(|(one, _)| one.asked != key.asked);
         kept.push_back((key, answer));
-        let mut bytes: usize = kept.iter().map(|(_, answer)| answer.len()).sum();
+        let mut bytes: usize = kept.iter().map(|(_, answer)| answer.body.len()).sum();
         while kept.len() > MAX_KEPT || bytes > MAX_BYTES {
             let gone = kept.pop_front();
-            bytes -= gone.map_or(bytes, |(_, answer)| answer.len());
+            bytes -= gone.map_or(bytes, |(_, answer)| answer.body.len());
         }
     }
 }
@@ -92,14 +101,17 @@ mod tests {
     #[tokio::test]
     async fn what_is_asked_again_is_computed_once_until_more_has_come() {
         let (recent, n) = (Recent::default(), AtomicUsize::new(0));
-        let n = &n;
+        let (recent, n) = (&recent, &n);
         let ask = |asked: &'static str, received: u64| {
             let compute = async move {
                 n.fetch_add(1, Ordering::Relaxed);
                 tokio::task::yield_now().await;
                 Ok::<_, Infallible>(Bytes::from(format!("{asked} {received}")))
             };
-            recent.answer(key(asked, received), compute)
+            async move {
+                let answer = recent.answer(key(asked, received), compute).await;
+                answer.map(|answer| answer.body)
+            }
         };
         let (a, b, c) = tokio::join!(ask("x", 1), ask("x", 1), ask("y", 1));
         assert_eq!(

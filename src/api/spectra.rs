@@ -16,6 +16,7 @@ use crate::dsp::absolute::absolute_vibration;
 use crate::machine::sensor::Sensor;
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
+use axum::Extension;
 use axum::body::Bytes;
 use axum::http::{HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
@@ -107,7 +108,8 @@ pub(super) async fn spectrum(
         Ok::<_, ApiError>(Bytes::from(text))
     });
     let json = const { HeaderValue::from_static("application/json") };
-    Ok(([(header::CONTENT_TYPE, json)], made.await?).into_response())
+    let made = made.await?;
+    Ok(([(header::CONTENT_TYPE, json)], Extension(made.tag), made.body).into_response())
 }
 
 async fn computed(
