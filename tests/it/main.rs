@@ -43,6 +43,7 @@ mod browser;
 mod page;
 mod page_acts;
 mod page_tokens;
+mod page_figures;
 mod pictures;
 mod diagnose;
 mod evaluate;
