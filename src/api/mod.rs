@@ -34,6 +34,7 @@ mod silences;
 mod maintenance;
 mod feedback;
 mod events;
+mod live;
 mod audit;
 mod service;
 mod simulation;
