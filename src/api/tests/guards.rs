@@ -1,6 +1,6 @@
 //! What stands around every route.
 
-use crate::api::support::{Behaviour, HOST, Service};
+use crate::api::support::{Behaviour, Service};
 use axum::http::Request;
 use std::io::Read;
 use std::sync::Arc;
