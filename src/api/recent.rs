@@ -20,6 +20,14 @@ pub(super) struct Key {
     pub(super) asked: String,
     /// Samples received of the channel.
     pub(super) received: u64,
+    /// By how many samples an answer may be behind for who asks while the next one is computed.
+    pub(super) behind: u64,
+}
+
+impl Key {
+    fn may_have(&self, made: &Self) -> bool {
+        self.asked == made.asked && self.received.abs_diff(made.received) <= self.behind
+    }
 }
 
 /// An answer and its tag; cheap to clone.
@@ -27,6 +35,12 @@ pub(super) struct Key {
 pub(super) struct Answer {
     pub(super) body: Bytes,
     pub(super) tag: Tag,
+}
+
+impl Answer {
+    fn of(body: Bytes) -> Self {
+        Self { tag: Tag::of(&body), body }
+    }
 }
 
 /// The answers; cheap to clone.
@@ -46,7 +60,8 @@ impl Default for Recent {
 }
 
 impl Recent {
-    /// The answer that is kept, or that `compute` gives; who asks meanwhile waits for it.
+    /// The answer that is kept, or that `compute` gives. Who asks meanwhile gets the one before, where it is hardly older, or
+    /// waits: a shard that is just judging a window answers one question later, not all of them.
     pub(super) async fn answer<E>(
         &self,
         key: Key,
@@ -57,15 +72,20 @@ impl Recent {
         }
         let gate =
             key.asked.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31) ^ usize::from(byte));
-        let _turn = match self.gates.get(gate % GATES) {
-            Some(gate) => Some(gate.lock().await),
-            None => None,
+        let Some(gate) = self.gates.get(gate % GATES) else {
+            return Ok(Answer::of(compute.await?));
+        };
+        let _turn = match gate.try_lock() {
+            Ok(turn) => turn,
+            Err(_) => match self.before(&key) {
+                Some(found) => return Ok(found),
+                None => gate.lock().await,
+            },
         };
         if let Some(found) = self.find(&key) {
             return Ok(found);
         }
-        let body = compute.await?;
-        let made = Answer { tag: Tag::of(&body), body };
+        let made = Answer::of(compute.await?);
         self.keep(key, made.clone());
         Ok(made)
     }
@@ -73,6 +93,12 @@ impl Recent {
     fn find(&self, key: &Key) -> Option<Answer> {
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().find(|(one, _)| one == key).map(|(_, answer)| answer.clone())
+    }
+
+    /// The answer before the one to a question, if it is hardly older.
+    fn before(&self, key: &Key) -> Option<Answer> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().find(|(made, _)| key.may_have(made)).map(|(_, answer)| answer.clone())
     }
 
     /// Keeps an answer instead of an older one to the same question; the oldest give way.
@@ -95,7 +121,39 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn key(asked: &str, received: u64) -> Key {
-        Key { asked: asked.to_owned(), received }
+        Key { asked: asked.to_owned(), received, behind: 0 }
+    }
+
+    #[tokio::test]
+    async fn who_asks_while_the_next_is_computed_gets_the_one_before_if_it_is_hardly_older() {
+        let recent = Recent::default();
+        let ask = |received: u64,
+                   answer: &'static str,
+                   slow: Option<tokio::sync::oneshot::Receiver<()>>| {
+            let key = Key { behind: 5, ..key("x", received) };
+            let compute = async move {
+                if let Some(slow) = slow {
+                    slow.await.unwrap();
+                }
+                Ok::<_, Infallible>(Bytes::from(answer))
+            };
+            let answer = recent.answer(key, compute);
+            async move { answer.await.unwrap().body }
+        };
+        assert_eq!(ask(10, "first", None).await, "first");
+        let (finish, slow) = tokio::sync::oneshot::channel();
+        let next = ask(15, "second", Some(slow));
+        let meanwhile = async {
+            let before = ask(15, "not computed", None).await;
+            finish.send(()).unwrap();
+            before
+        };
+        assert_eq!(tokio::join!(next, meanwhile), ("second".into(), "first".into()));
+        let (finish, slow) = tokio::sync::oneshot::channel();
+        let next = ask(21, "third", Some(slow));
+        let too_old = ask(21, "not computed", None);
+        let finishing = async { finish.send(()).unwrap() };
+        assert_eq!(tokio::join!(next, too_old, finishing), ("third".into(), "third".into(), ()));
     }
 
     #[tokio::test]
