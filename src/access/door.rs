@@ -16,7 +16,7 @@ use std::sync::RwLock;
 /// Longest text that is looked at as a secret, bytes.
 const MAX_SECRET_BYTES: usize = 256;
 
-/// Failures that a peer may have at once, and how many it gets back a second.
+/// Unknown tokens that a peer may try at once, and how many it gets back a second.
 const FAILURES: (f64, f64) = (10.0, 0.2);
 
 /// Requests that somebody may make at once, in seconds of what may come on and on.
@@ -46,8 +46,8 @@ pub enum Denied {
         /// When another is answered, s.
         after_s: f64,
     },
-    /// Too many failures of this peer.
-    #[error("too many requests of this address without a right token; try again in {} s", after_s.ceil())]
+    /// Too many tokens of this peer that are not known.
+    #[error("too many wrong tokens from this address; try again in {} s, a right one is let in at once", after_s.ceil())]
     TooMany {
         /// When another is answered, s.
         after_s: f64,
@@ -153,7 +153,8 @@ impl Door {
     }
 
     /// Who somebody is by what is said; `None`: nobody needs to be anybody. A right token is let in however often its
-    /// peer has failed, so that nobody can lock others out.
+    /// peer has failed, so that nobody can lock others out. Only an unknown token is a failure: who says none, or one that
+    /// was right once, guesses nothing (a page that is opened does so), and is paced as those who are let in.
     ///
     /// # Errors
     /// When there is no such token.
@@ -185,6 +186,10 @@ impl Door {
         if n <= 10 || n.is_power_of_two() {
             let peer = peer.map(|peer| peer.to_string()).unwrap_or_default();
             tracing::warn!(peer, why = %denied, n, "somebody was not let in");
+        }
+        if denied != Denied::Unknown {
+            self.pace(None, peer)?;
+            return Err(denied);
         }
         let Some(peer) = peer else { return Err(denied) };
         let mut failures = self.failures.lock().unwrap_or_else(PoisonError::into_inner);

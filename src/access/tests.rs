@@ -186,6 +186,27 @@ fn failures_of_a_peer_are_limited_and_lock_out_nobody_with_a_token() {
 }
 
 #[test]
+fn who_says_no_token_or_one_that_is_over_guesses_nothing_and_is_paced_like_others() {
+    let (door, clock) = door();
+    let door = door.with_requests(10.0);
+    clock.store(5, Ordering::Relaxed);
+    let over = secret(3);
+    for _ in 0..20 {
+        assert_eq!(door.admit(None, peer("192.0.2.1")), Err(Denied::Missing));
+        assert_eq!(door.admit(Some(over.reveal()), peer("192.0.2.1")), Err(Denied::Expired));
+    }
+    for wrong in [None, Some(over.reveal())] {
+        assert!(matches!(door.admit(wrong, peer("192.0.2.1")), Err(Denied::TooFast { .. })));
+    }
+    // The attempts are there as a whole, and others are not held back.
+    for _ in 0..10 {
+        assert_eq!(door.admit(Some("x"), peer("192.0.2.1")), Err(Denied::Unknown));
+    }
+    assert!(matches!(door.admit(Some("x"), peer("192.0.2.1")), Err(Denied::TooMany { .. })));
+    assert_eq!(door.admit(None, peer("192.0.2.2")), Err(Denied::Missing));
+}
+
+#[test]
 fn the_table_of_peers_is_bounded() {
     let mut failures = Buckets::new(10.0, 0.2);
     for i in 0..5000_u32 {

@@ -16,6 +16,29 @@ const PATHS: [&str; 3] = ["/health", "/diagnosis", "/spectrum"];
 /// Longest body that is looked at, bytes.
 const MAX_BYTES: usize = 4 << 20;
 
+/// Tag of an answer's content, beside an answer that is given again and again: it is not made anew each time. Weak: the
+/// same content may be sent compressed or not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Tag(HeaderValue);
+
+impl Tag {
+    /// The first half of the content's SHA-256.
+    pub(super) fn of(content: &[u8]) -> Self {
+        let digest = Sha256::digest(content);
+        let digest: String = digest.iter().take(16).map(|b| format!("{b:02x}")).collect();
+        // Digits and quotes are a header's value.
+        let value = HeaderValue::from_str(&format!("W/\"{digest}\""));
+        Self(value.unwrap_or(const { HeaderValue::from_static("W/\"\"") }))
+    }
+
+    /// Whether a client says that it holds this.
+    fn is_held(&self, said: &HeaderValue) -> bool {
+        let bare = |one: &str| one.trim_start_matches("W/").to_owned();
+        let (Ok(said), Ok(own)) = (said.to_str(), self.0.to_str()) else { return false };
+        said.split(',').map(str::trim).any(|one| one == "*" || bare(one) == bare(own))
+    }
+}
+
 /// Whether answers of a path have a tag: the page, and what changes with a verdict only.
 fn is_tagged(path: &str) -> bool {
     path == "/" || path.starts_with("/dashboard/") || PATHS.iter().any(|end| path.ends_with(end))
@@ -33,21 +56,15 @@ pub(super) async fn conditional(request: Request, next: Next) -> Response {
         return response;
     }
     let (mut parts, body) = response.into_parts();
-    let Ok(bytes) = to_bytes(body, MAX_BYTES).await else {
-        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+    let (tag, body) = match parts.extensions.remove::<Tag>() {
+        Some(tag) => (tag, body),
+        None => match to_bytes(body, MAX_BYTES).await {
+            Ok(bytes) => (Tag::of(&bytes), Body::from(bytes)),
+            Err(_) => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        },
     };
-    let digest: String =
-        Sha256::digest(&bytes).iter().take(16).map(|b| format!("{b:02x}")).collect();
-    // Weak: the same content may be sent compressed or not.
-    let tag = format!("W/\"{digest}\"");
-    let is_held = held.as_ref().and_then(|held| held.to_str().ok()).is_some_and(|held| {
-        held.split(',')
-            .map(str::trim)
-            .any(|one| one == "*" || one.trim_start_matches("W/") == &tag[2..])
-    });
-    if let Ok(tag) = HeaderValue::from_str(&tag) {
-        parts.headers.insert(header::ETAG, tag);
-    }
+    let is_held = held.is_some_and(|held| tag.is_held(&held));
+    parts.headers.insert(header::ETAG, tag.0);
     // It may be held by who asked, and is asked for again each time.
     let private = const { HeaderValue::from_static("private, no-cache") };
     parts.headers.insert(header::CACHE_CONTROL, private);
@@ -58,5 +75,5 @@ pub(super) async fn conditional(request: Request, next: Next) -> Response {
         }
         return Response::from_parts(parts, Body::empty());
     }
-    Response::from_parts(parts, Body::from(bytes))
+    Response::from_parts(parts, body)
 }

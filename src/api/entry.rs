@@ -31,14 +31,14 @@ pub struct Peer(pub SocketAddr);
 
 /// The state of the router.
 #[derive(Clone, Debug)]
-pub(super) struct Shared(ApiState);
+pub(super) struct Shared(Arc<ApiState>);
 
 /// Whose token it was.
 #[derive(Clone)]
 struct Caller(Arc<Token>);
 
 impl Shared {
-    pub(super) fn new(state: ApiState) -> Self {
+    pub(super) fn new(state: Arc<ApiState>) -> Self {
         Self(state)
     }
 }
@@ -47,8 +47,11 @@ impl FromRequestParts<Shared> for State<ApiState> {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Infallible> {
-        let caller = parts.extensions.get::<Caller>().map(|Caller(token)| Arc::clone(token));
-        Ok(Self(shared.0.seen_by(caller)))
+        let Shared(all) = shared;
+        Ok(Self(match parts.extensions.get::<Caller>() {
+            None => Arc::clone(all),
+            Some(Caller(token)) => Arc::new(all.seen_by(Arc::clone(token))),
+        }))
     }
 }
 
@@ -91,7 +94,7 @@ fn secret(headers: &HeaderMap) -> Option<&str> {
 /// Lets in who has a token that may do what is asked for. Before that nothing is said of what there is: not even
 /// whether the path exists.
 pub(super) async fn enter(
-    axum::extract::State(state): axum::extract::State<ApiState>,
+    axum::extract::State(state): axum::extract::State<Arc<ApiState>>,
     matched: Option<MatchedPath>,
     mut request: Request,
     next: Next,

@@ -39,14 +39,11 @@ pub enum ApiError {
     /// A body must be JSON.
     #[error("the body must be JSON, with content-type: application/json")]
     UnsupportedMediaType,
-    /// The Host header names another server (DNS rebinding).
-    #[error("the host {host:?} is not this server; allowed: {allowed}")]
-    ForeignHost {
-        /// As found.
-        host: String,
-        /// What is allowed.
-        allowed: String,
-    },
+    /// The Host header names another server (DNS rebinding); says which. Its own names are not for strangers.
+    #[error(
+        "the host {0:?} is not this server, which is asked by its address, as localhost, or by a name in server.hosts"
+    )]
+    ForeignHost(String),
     /// A page of another server wants something done.
     #[error("{0}")]
     ForeignOrigin(String),
@@ -103,7 +100,7 @@ impl ApiError {
             Self::Conflict(_) => StatusCode::CONFLICT,
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            Self::ForeignHost { .. } => StatusCode::MISDIRECTED_REQUEST,
+            Self::ForeignHost(_) => StatusCode::MISDIRECTED_REQUEST,
             Self::Unauthorised(Denied::TooMany { .. } | Denied::TooFast { .. }) => {
                 StatusCode::TOO_MANY_REQUESTS
             }
@@ -130,7 +127,7 @@ impl ApiError {
             Self::Conflict(_) => ("conflict", "Not in this state"),
             Self::TooLarge { .. } => ("body-too-large", "Body too large"),
             Self::UnsupportedMediaType => ("unsupported-media-type", "Body is not JSON"),
-            Self::ForeignHost { .. } => ("foreign-host", "Host not served here"),
+            Self::ForeignHost(_) => ("foreign-host", "Host not served here"),
             Self::ForeignOrigin(_) => ("foreign-origin", "Page of another server"),
             Self::Unauthorised(Denied::TooMany { .. }) => {
                 ("too-many-failures", "Too many failures")
@@ -167,7 +164,7 @@ impl ApiError {
             | Self::Conflict(_)
             | Self::TooLarge { .. }
             | Self::UnsupportedMediaType
-            | Self::ForeignHost { .. }
+            | Self::ForeignHost(_)
             | Self::ForeignOrigin(_)
             | Self::NotReady(_)
             | Self::NotStored(_)

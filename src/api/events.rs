@@ -6,6 +6,7 @@
 use super::error::ApiError;
 use super::extract::{Query, State};
 use super::handles::EventsHandle;
+use super::live::Live;
 use super::state::ApiState;
 use super::wire::events::{HappenedWire, PlaceWire};
 use super::wire::problem::ProblemWire;
@@ -38,9 +39,11 @@ pub(super) struct FollowQuery {
     machine: Option<String>,
     /// Events after this `id`; the header `Last-Event-ID` is the same and wins. Without either: from now on.
     last_event_id: Option<String>,
+    /// Names of features, with commas between, or `all`: what is measured in each window of `machine`, as it is judged.
+    features: Option<String>,
 }
 
-/// Streams what happens: `alarm` (a transition), `health` (a verdict changed), `configuration` (one was read), `maintenance` (it began or ended), `begin` (the place at which the
+/// Streams what happens: `alarm` (a transition), `health` (a verdict changed), `configuration` (one was read), `maintenance` (it began or ended), `features` (those of the newest window, if asked for), `begin` (the place at which the
 /// stream begins), `reset` (what is between the place asked for and the one in `data` is not all there).
 #[utoipa::path(
     get,
@@ -67,6 +70,7 @@ pub(super) async fn follow(
     if let Some(machine) = &query.machine {
         state.machine(machine)?;
     }
+    let live = Live::of(&state, query.machine.as_deref(), query.features.as_deref())?;
     let Some(events) = state.events.clone() else {
         return Err(ApiError::NotFound("this service has no store of events".to_owned()));
     };
@@ -83,7 +87,8 @@ pub(super) async fn follow(
         place,
         pending,
         machine: query.machine,
-        seen: state.clone(),
+        live,
+        seen: Arc::clone(&state),
         stored: events.stored.clone(),
         log: Arc::clone(&events.log),
         heartbeat: state.settings.heartbeat,
@@ -160,8 +165,10 @@ struct Follower {
     place: u64,
     pending: VecDeque<Event>,
     machine: Option<String>,
+    /// What is measured; nothing of it is kept for a reader that was away.
+    live: Option<Live>,
     /// What is there for the reader.
-    seen: ApiState,
+    seen: Arc<ApiState>,
     stored: watch::Receiver<u64>,
     log: Arc<dyn EventLog>,
     heartbeat: Duration,
@@ -183,20 +190,36 @@ impl Follower {
             // An end makes the reader come again, with its place.
             let entries = read(&self.log, move |log| log.after(place, PAGE)).await.ok()?;
             if entries.is_empty() {
-                match tokio::time::timeout(self.heartbeat, self.stored.changed()).await {
+                let next = tokio::time::timeout(self.heartbeat, self.wake());
+                match next.await {
                     // The place goes with it, so that one who is told little does not begin far back.
                     Err(_) => {
                         let beat = Event::default().comment("").id(self.place.to_string());
                         return Some((Ok(beat), self));
                     }
-                    Ok(Err(_)) => return None,
-                    Ok(Ok(())) => {}
+                    Ok(None) => return None,
+                    Ok(Some(measured)) => self.pending.extend(measured),
                 }
             }
             for entry in entries {
                 self.place = entry.place;
                 self.pending.extend(self.event(&entry));
             }
+        }
+    }
+
+    /// Waits for whatever comes first: something that is stored, or a window. `None`: there will be nothing any more.
+    async fn wake(&mut self) -> Option<Option<Event>> {
+        let Some(live) = self.live.as_mut() else {
+            return self.stored.changed().await.ok().map(|()| None);
+        };
+        tokio::select! {
+            stored = self.stored.changed() => stored.ok().map(|()| None),
+            window = live.next() => window.map(|wire| {
+                // The place goes with it; a window that was missed is in the trend.
+                let event = Event::default().event("features").id(self.place.to_string());
+                event.json_data(wire).ok()
+            }),
         }
     }
 

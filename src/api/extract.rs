@@ -3,11 +3,12 @@
 use super::error::ApiError;
 use axum::extract::{FromRequest, FromRequestParts};
 use serde::Deserialize;
+use std::sync::Arc;
 use utoipa::IntoParams;
 
 /// The daemon as the caller may see it ([`super::entry`]).
 #[derive(Debug)]
-pub(super) struct State<T>(pub(super) T);
+pub(super) struct State<T>(pub(super) Arc<T>);
 
 /// Query string.
 #[derive(Debug, FromRequestParts)]

@@ -11,6 +11,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Duration;
 use tower_http::cors::CorsLayer;
 
@@ -80,7 +81,11 @@ pub(super) async fn problems(request: Request, next: Next) -> Response {
 
 /// Refuses requests whose host is not this server: a page elsewhere that points its own name here
 /// (DNS rebinding) must not read machines.
-pub(super) async fn host(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+pub(super) async fn host(
+    State(state): State<Arc<ApiState>>,
+    request: Request,
+    next: Next,
+) -> Response {
     let named = request
         .headers()
         .get(header::HOST)
@@ -91,12 +96,7 @@ pub(super) async fn host(State(state): State<ApiState>, request: Request, next: 
     if is_this_server(&named, settings) {
         return next.run(request).await;
     }
-    let (bound, port) = (settings.bound, settings.bound.port());
-    let mut allowed = format!("localhost:{port}, 127.0.0.1:{port}, [::1]:{port}, {bound}");
-    for host in &settings.hosts {
-        allowed.push_str(&format!(", {host}"));
-    }
-    ApiError::ForeignHost { host: named.chars().take(100).collect(), allowed }.into_response()
+    ApiError::ForeignHost(named.chars().take(100).collect()).into_response()
 }
 
 /// Whether `host` is a name or address of this server, with the bound port: loopback, the bound address, a configured
@@ -132,7 +132,7 @@ pub(super) fn is_this_server(host: &str, settings: &Settings) -> bool {
 
 /// Refuses what pages of other servers want done: a browser says which page it is.
 pub(super) async fn origin(
-    State(state): State<ApiState>,
+    State(state): State<Arc<ApiState>>,
     request: Request,
     next: Next,
 ) -> Response {
@@ -180,7 +180,7 @@ pub(super) fn cors(settings: &Settings) -> Option<CorsLayer> {
 
 /// Refuses a request when as many as allowed are being answered.
 pub(super) async fn concurrency(
-    State(state): State<ApiState>,
+    State(state): State<Arc<ApiState>>,
     request: Request,
     next: Next,
 ) -> Response {

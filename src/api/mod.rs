@@ -34,6 +34,7 @@ mod silences;
 mod maintenance;
 mod feedback;
 mod events;
+mod live;
 mod audit;
 mod service;
 mod simulation;
@@ -54,6 +55,7 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use entry::Shared;
 use error::ApiError;
 use state::ApiState;
+use std::sync::Arc;
 use std::time::Duration;
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -172,19 +174,20 @@ pub fn openapi_text() -> String {
 
 /// Gives the whole service: the API, and `pages` (the dashboard) under the same guards.
 pub fn router(state: ApiState, pages: Router) -> Router {
-    let shared = Shared::new(state.clone());
+    let state = Arc::new(state);
+    let shared = Shared::new(Arc::clone(&state));
     // Paths that are not there are behind the door, too.
     let limited = Router::from(routes())
         .with_state(shared.clone())
         .fallback(async || ApiError::of_status(StatusCode::NOT_FOUND))
         .layer(from_fn(conditional::conditional))
-        .layer(from_fn_with_state(state.clone(), entry::enter))
+        .layer(from_fn_with_state(Arc::clone(&state), entry::enter))
         .merge(pages.layer(from_fn(conditional::conditional)))
-        .layer(from_fn_with_state(state.clone(), guard::concurrency));
+        .layer(from_fn_with_state(Arc::clone(&state), guard::concurrency));
     let within = |longest| TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, longest);
     let slow = Router::from(slow_routes())
         .with_state(shared.clone())
-        .layer(from_fn_with_state(state.clone(), entry::enter))
+        .layer(from_fn_with_state(Arc::clone(&state), entry::enter))
         .layer(within(SLOW));
     let live = Router::from(live_routes()).with_state(shared);
     let usual = limited.merge(live).layer(within(state.settings.request_timeout));
@@ -196,7 +199,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         ))
         .option_layer(guard::cors(&state.settings))
         .layer(from_fn(guard::problems))
-        .layer(from_fn_with_state(state.clone(), guard::origin))
+        .layer(from_fn_with_state(Arc::clone(&state), guard::origin))
         .layer(from_fn_with_state(state, guard::host))
         .layer(CatchPanicLayer::custom(guard::panicked))
         .layer(DefaultBodyLimit::max(MAX_BODY_BYTES));

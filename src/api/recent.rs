@@ -1,6 +1,7 @@
 //! Answers that were just computed, kept as long as what they are made of is the newest: who asks for the same again is not
 //! computed anew. Bounded in number and bytes.
 
+use super::conditional::Tag;
 use axum::body::Bytes;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,12 +20,33 @@ pub(super) struct Key {
     pub(super) asked: String,
     /// Samples received of the channel.
     pub(super) received: u64,
+    /// By how many samples an answer may be behind for who asks while the next one is computed.
+    pub(super) behind: u64,
+}
+
+impl Key {
+    fn may_have(&self, made: &Self) -> bool {
+        self.asked == made.asked && self.received.abs_diff(made.received) <= self.behind
+    }
+}
+
+/// An answer and its tag; cheap to clone.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Answer {
+    pub(super) body: Bytes,
+    pub(super) tag: Tag,
+}
+
+impl Answer {
+    fn of(body: Bytes) -> Self {
+        Self { tag: Tag::of(&body), body }
+    }
 }
 
 /// The answers; cheap to clone.
 #[derive(Debug, Clone)]
 pub(super) struct Recent {
-    kept: Arc<Mutex<VecDeque<(Key, Bytes)>>>,
+    kept: Arc<Mutex<VecDeque<(Key, Answer)>>>,
     gates: Arc<[tokio::sync::Mutex<()>; GATES]>,
 }
 
@@ -38,43 +60,56 @@ impl Default for Recent {
 }
 
 impl Recent {
-    /// The answer that is kept, or that `compute` gives; who asks meanwhile waits for it.
+    /// The answer that is kept, or that `compute` gives. Who asks meanwhile gets the one before, where it is hardly older, or
+    /// waits: a shard that is just judging a window answers one question later, not all of them.
     pub(super) async fn answer<E>(
         &self,
         key: Key,
         compute: impl Future<Output = Result<Bytes, E>>,
-    ) -> Result<Bytes, E> {
+    ) -> Result<Answer, E> {
         if let Some(found) = self.find(&key) {
             return Ok(found);
         }
         let gate =
             key.asked.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31) ^ usize::from(byte));
-        let _turn = match self.gates.get(gate % GATES) {
-            Some(gate) => Some(gate.lock().await),
-            None => None,
+        let Some(gate) = self.gates.get(gate % GATES) else {
+            return Ok(Answer::of(compute.await?));
+        };
+        let _turn = match gate.try_lock() {
+            Ok(turn) => turn,
+            Err(_) => match self.before(&key) {
+                Some(found) => return Ok(found),
+                None => gate.lock().await,
+            },
         };
         if let Some(found) = self.find(&key) {
             return Ok(found);
         }
-        let made = compute.await?;
+        let made = Answer::of(compute.await?);
         self.keep(key, made.clone());
         Ok(made)
     }
 
-    fn find(&self, key: &Key) -> Option<Bytes> {
+    fn find(&self, key: &Key) -> Option<Answer> {
         let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().find(|(one, _)| one == key).map(|(_, answer)| answer.clone())
     }
 
+    /// The answer before the one to a question, if it is hardly older.
+    fn before(&self, key: &Key) -> Option<Answer> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().find(|(made, _)| key.may_have(made)).map(|(_, answer)| answer.clone())
+    }
+
     /// Keeps an answer instead of an older one to the same question; the oldest give way.
-    fn keep(&self, key: Key, answer: Bytes) {
+    fn keep(&self, key: Key, answer: Answer) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         kept.retain(|(one, _)| one.asked != key.asked);
         kept.push_back((key, answer));
-        let mut bytes: usize = kept.iter().map(|(_, answer)| answer.len()).sum();
+        let mut bytes: usize = kept.iter().map(|(_, answer)| answer.body.len()).sum();
         while kept.len() > MAX_KEPT || bytes > MAX_BYTES {
             let gone = kept.pop_front();
-            bytes -= gone.map_or(bytes, |(_, answer)| answer.len());
+            bytes -= gone.map_or(bytes, |(_, answer)| answer.body.len());
         }
     }
 }
@@ -86,20 +121,55 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn key(asked: &str, received: u64) -> Key {
-        Key { asked: asked.to_owned(), received }
+        Key { asked: asked.to_owned(), received, behind: 0 }
+    }
+
+    #[tokio::test]
+    async fn who_asks_while_the_next_is_computed_gets_the_one_before_if_it_is_hardly_older() {
+        let recent = Recent::default();
+        let ask = |received: u64,
+                   answer: &'static str,
+                   slow: Option<tokio::sync::oneshot::Receiver<()>>| {
+            let key = Key { behind: 5, ..key("x", received) };
+            let compute = async move {
+                if let Some(slow) = slow {
+                    slow.await.unwrap();
+                }
+                Ok::<_, Infallible>(Bytes::from(answer))
+            };
+            let answer = recent.answer(key, compute);
+            async move { answer.await.unwrap().body }
+        };
+        assert_eq!(ask(10, "first", None).await, "first");
+        let (finish, slow) = tokio::sync::oneshot::channel();
+        let next = ask(15, "second", Some(slow));
+        let meanwhile = async {
+            let before = ask(15, "not computed", None).await;
+            finish.send(()).unwrap();
+            before
+        };
+        assert_eq!(tokio::join!(next, meanwhile), ("second".into(), "first".into()));
+        let (finish, slow) = tokio::sync::oneshot::channel();
+        let next = ask(21, "third", Some(slow));
+        let too_old = ask(21, "not computed", None);
+        let finishing = async { finish.send(()).unwrap() };
+        assert_eq!(tokio::join!(next, too_old, finishing), ("third".into(), "third".into(), ()));
     }
 
     #[tokio::test]
     async fn what_is_asked_again_is_computed_once_until_more_has_come() {
         let (recent, n) = (Recent::default(), AtomicUsize::new(0));
-        let n = &n;
+        let (recent, n) = (&recent, &n);
         let ask = |asked: &'static str, received: u64| {
             let compute = async move {
                 n.fetch_add(1, Ordering::Relaxed);
                 tokio::task::yield_now().await;
                 Ok::<_, Infallible>(Bytes::from(format!("{asked} {received}")))
             };
-            recent.answer(key(asked, received), compute)
+            async move {
+                let answer = recent.answer(key(asked, received), compute).await;
+                answer.map(|answer| answer.body)
+            }
         };
         let (a, b, c) = tokio::join!(ask("x", 1), ask("x", 1), ask("y", 1));
         assert_eq!(

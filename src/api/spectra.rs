@@ -16,6 +16,7 @@ use crate::dsp::absolute::absolute_vibration;
 use crate::machine::sensor::Sensor;
 use crate::plot::decimate;
 use crate::signal::ChannelInfo;
+use axum::Extension;
 use axum::body::Bytes;
 use axum::http::{HeaderValue, Uri, header};
 use axum::response::{IntoResponse, Response};
@@ -30,6 +31,9 @@ pub(super) const MIN_WINDOW_SAMPLES: usize = 16;
 
 /// Most windows averaged.
 const MAX_AVERAGES: usize = 64;
+
+/// By how much the answer before may be behind while the next one is computed, s.
+const MAX_BEHIND_S: f64 = 1.0;
 
 /// Which spectrum, of what.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
@@ -97,17 +101,19 @@ pub(super) async fn spectrum(
     uri: Uri,
 ) -> Result<Response, ApiError> {
     let view = newest(state.machine(&id)?);
-    let (place, _) = channel(&view, &name)?;
+    let (place, info) = channel(&view, &name)?;
     let received = view.rings.get(place).map_or(0, |ring| ring.received);
     // A pair's other channel comes with this one.
-    let key = Key { asked: uri.to_string(), received };
+    let behind = samples_in(info, MAX_BEHIND_S) as u64;
+    let key = Key { asked: uri.to_string(), received, behind };
     let made = state.recent.answer(key, async {
         let wire = computed(&state, (&id, &name), &query).await?;
         let text = serde_json::to_vec(&wire).map_err(|_| ApiError::Internal)?;
         Ok::<_, ApiError>(Bytes::from(text))
     });
     let json = const { HeaderValue::from_static("application/json") };
-    Ok(([(header::CONTENT_TYPE, json)], made.await?).into_response())
+    let made = made.await?;
+    Ok(([(header::CONTENT_TYPE, json)], Extension(made.tag), made.body).into_response())
 }
 
 async fn computed(

@@ -419,6 +419,7 @@ pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
                 Feature { name: "cwt_ratio_1x_main".into(), value: 1.5, unit: Unit::One },
             ],
         }]),
+        window_end_s: Some(10.0),
         alarm_load: load::of(engine.history(), &engine.standing(), 12.0),
         alarms: Arc::new(engine.standing()),
         advance: engine.advance().into(),

@@ -58,6 +58,8 @@ pub struct MachineView {
     pub state_since_s: Vec<f64>,
     /// Newest features.
     pub features: Arc<Vec<ChannelFeatures>>,
+    /// Stream time of the end of the window that they are of, s; `None`: there are none yet.
+    pub window_end_s: Option<f64>,
     /// All alarms that are not over, newest first.
     pub alarms: Arc<Vec<Alarm>>,
     /// Silences in advance, oldest first.

@@ -211,7 +211,10 @@ fn start(load: Load, sizes: &[usize]) -> Result<Daemon, LiveError> {
     let http = http.trim_end().strip_prefix("listening on ").map(str::to_owned);
     let ingest = ingest.trim_end().strip_prefix("ingest on tcp://").map(str::to_owned);
     match http.zip(ingest) {
-        Some((http, ingest)) => Ok(Daemon { child, http, ingest, _folder: folder }),
+        Some((http, ingest)) => {
+            tracing::info!("the daemon that is measured answers on {http}");
+            Ok(Daemon { child, http, ingest, _folder: folder })
+        }
         None => {
             let _ended = child.kill();
             Err(LiveError::Start { said: lines.concat() })

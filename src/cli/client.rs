@@ -24,11 +24,11 @@ const MAX_ANSWER_BYTES: u64 = 64 << 20;
 const PAGE: usize = 1000;
 
 /// Where a daemon is, and who asks it.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct DaemonArguments {
-    /// Address of the daemon: https, or http to this computer.
-    #[arg(long, global = true, value_name = "URL", default_value = URL, env = "ROTORWATCH_URL")]
-    pub url: String,
+    /// Address of the daemon: https, or http to this computer [default: http://127.0.0.1:8080].
+    #[arg(long, global = true, value_name = "URL", env = "ROTORWATCH_URL")]
+    pub url: Option<String>,
     /// Certificates (PEM) of the authorities to trust instead of the system's.
     #[arg(long, global = true, value_name = "FILE")]
     pub ca_file: Option<PathBuf>,
@@ -94,9 +94,10 @@ impl Api {
     /// # Errors
     /// When its address, a certificate or the token cannot be used.
     pub(super) fn new(arguments: &DaemonArguments) -> Result<Self, AskError> {
-        let endpoint = Endpoint::parse(&arguments.url, false).map_err(AskError::Address)?;
+        let url = arguments.url.as_deref().unwrap_or(URL);
+        let endpoint = Endpoint::parse(url, false).map_err(AskError::Address)?;
         let agent = client::agent(endpoint.encrypts(), arguments.ca_file.as_deref(), TIMEOUT_S)?;
-        let base = arguments.url.trim_end_matches('/').to_owned();
+        let base = url.trim_end_matches('/').to_owned();
         let token = arguments.token_file.as_ref().map(|file| {
             let read = secret::read(file);
             read.map_err(|source| AskError::Token { file: file.clone(), source })

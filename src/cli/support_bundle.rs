@@ -8,6 +8,7 @@ use super::client::DaemonArguments;
 use crate::app;
 use crate::causes::with_causes;
 use crate::config;
+use crate::config::Config;
 use crate::store::backup::BackupError;
 use crate::store::backup::told;
 use clap::Args;
@@ -53,7 +54,7 @@ pub struct Arguments {
     /// The daemon.
     #[command(flatten)]
     pub daemon: DaemonArguments,
-    /// Its configuration, shown without secrets.
+    /// Its configuration: where it is unless --url says so; shown without secrets.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// The archive, which must not be there yet.
@@ -117,15 +118,27 @@ fn bundle(arguments: &Arguments) -> Result<String, ArchiveError> {
 
 fn gather(arguments: &Arguments, bundle: &mut Bundle) -> io::Result<()> {
     bundle.add("about.txt", &about())?;
-    if let Some(file) = &arguments.config {
-        of_configuration(file, bundle)?;
-    }
-    match Api::new(&arguments.daemon) {
+    let config = match &arguments.config {
+        Some(file) => of_configuration(file, bundle)?,
+        None => None,
+    };
+    let mut daemon = arguments.daemon.clone();
+    daemon.url = daemon.url.or_else(|| config.as_ref().and_then(own_url));
+    match Api::new(&daemon) {
         Ok(api) => of_daemon(&api, bundle)?,
         Err(error) => bundle.add_or_tell("daemon", Err::<String, _>(error))?,
     }
     let missing = bundle.missing.clone();
     bundle.add("missing.txt", &missing)
+}
+
+/// Where the daemon of a configuration answers on this computer; `None`: it takes any port.
+fn own_url(config: &Config) -> Option<String> {
+    let scheme = if config.access.tls.is_some() { "https" } else { "http" };
+    let (ip, port) = (config.bind.ip(), config.bind.port());
+    let host = if ip.is_unspecified() { "localhost".to_owned() } else { ip.to_string() };
+    let host = if ip.is_ipv6() && !ip.is_unspecified() { format!("[{host}]") } else { host };
+    (port != 0).then(|| format!("{scheme}://{host}:{port}"))
 }
 
 /// The program and the computer.
@@ -149,7 +162,7 @@ fn about() -> String {
 }
 
 /// The configuration without secrets, its machine files, names of overriding variables, files of the store.
-fn of_configuration(file: &Path, bundle: &mut Bundle) -> io::Result<()> {
+fn of_configuration(file: &Path, bundle: &mut Bundle) -> io::Result<Option<Config>> {
     let told = |file: &Path| {
         let file = file.to_owned();
         move |source| BackupError::File { doing: "reading", file, source }
@@ -162,13 +175,17 @@ fn of_configuration(file: &Path, bundle: &mut Bundle) -> io::Result<()> {
     bundle.add("variables.txt", &names)?;
     let config = match config::load_as(file, config::Exposure::Insecure) {
         Ok(config) => config,
-        Err(mistakes) => return bundle.add("configuration-mistakes.txt", &mistakes.to_string()),
+        Err(mistakes) => {
+            bundle.add("configuration-mistakes.txt", &mistakes.to_string())?;
+            return Ok(None);
+        }
     };
     for machine in &config.machines {
         let name = format!("machines/{}.toml", machine.machine.id);
         bundle.add(&name, &machine.text.0)?;
     }
-    bundle.add("store.txt", &listing(&config.store.directory))
+    bundle.add("store.txt", &listing(&config.store.directory))?;
+    Ok(Some(config))
 }
 
 /// Files of a folder and those in it with their sizes.
@@ -230,4 +247,25 @@ fn of_daemon(api: &Api, bundle: &mut Bundle) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_says_where_its_daemon_answers() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("rotorwatch.toml");
+        for (bind, expected) in [
+            ("127.0.0.1:9000", Some("http://127.0.0.1:9000")),
+            ("[::1]:9000", Some("http://[::1]:9000")),
+            ("0.0.0.0:9000", Some("http://localhost:9000")),
+            ("127.0.0.1:0", None),
+        ] {
+            fs::write(&file, format!("[server]\nbind = \"{bind}\"\n")).unwrap();
+            let config = config::load_as(&file, config::Exposure::Insecure).unwrap();
+            assert_eq!(own_url(&config).as_deref(), expected, "{bind}");
+        }
+    }
 }

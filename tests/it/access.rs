@@ -86,7 +86,7 @@ impl Client {
         format!("{}{path}", self.base_url)
     }
 
-    fn metric(&self, sample: &str) -> u64 {
+    pub(crate) fn metric(&self, sample: &str) -> u64 {
         let (status, text) = self.get("/metrics");
         assert_eq!(status, 200);
         let text = text.as_str().unwrap().to_owned();

@@ -11,6 +11,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use std::io::BufRead;
 use std::io::BufReader;
+use std::path::Path;
 use std::process::Child;
 use std::process::Command;
 use std::process::Stdio;
@@ -87,12 +88,17 @@ impl Browser {
     }
 
     fn post(&self, command: &str, body: &Value) -> Value {
+        self.try_post(command, body).unwrap_or_else(|why| panic!("{command} {body}: {why}"))
+    }
+
+    /// What a command gives; `Err`: what it says instead.
+    fn try_post(&self, command: &str, body: &Value) -> Result<Value, Value> {
         let url = format!("{}{command}", self.session);
         let mut response = self.agent.post(&url).send_json(body).unwrap();
         let text = response.body_mut().with_config().limit(1 << 26).read_to_string().unwrap();
         let mut answer: Value = serde_json::from_str(&text).unwrap();
-        assert!(response.status().is_success(), "{command} {body}: {}", answer["value"]);
-        answer["value"].take()
+        let value = answer["value"].take();
+        if response.status().is_success() { Ok(value) } else { Err(value) }
     }
 
     /// Opens an address.
@@ -139,12 +145,19 @@ impl Browser {
         found.as_str().unwrap().to_owned()
     }
 
-    /// Waits for an element and clicks on it.
+    /// Waits for an element and clicks on it; the page may put another one like it in its place meanwhile.
     pub(crate) fn click(&self, selector: &str) {
-        self.wait(&format!("document.querySelector({}) !== null", json!(selector)));
-        let found = self.post("/element", &json!({ "using": "css selector", "value": selector }));
-        let id = found[ELEMENT].as_str().unwrap();
-        self.post(&format!("/element/{id}/click"), &json!({}));
+        let search = json!({ "using": "css selector", "value": selector });
+        support::wait_within(LIMIT, selector, || {
+            let found = self.try_post("/element", &search).ok()?;
+            let id = found[ELEMENT].as_str()?;
+            let clicked = self.try_post(&format!("/element/{id}/click"), &json!({}));
+            match clicked.as_ref().map_err(|why| why["error"].as_str()) {
+                Ok(_) => Some(()),
+                Err(Some("stale element reference")) => None,
+                Err(why) => panic!("{selector}: {why:?}"),
+            }
+        });
     }
 
     /// Types at whatever has the focus.
@@ -239,8 +252,16 @@ pub(crate) struct Demo {
 impl Demo {
     /// Starts `rotorwatch demo` with a scenario.
     pub(crate) fn start(scenario: &str) -> Self {
-        let mut command = support::command();
-        command.args(["demo", "--bind", "127.0.0.1:0", "--scenario", scenario]);
+        Self::spawn(support::command().args(["demo", "--scenario", scenario]))
+    }
+
+    /// The same, with its files in a folder that stays.
+    pub(crate) fn kept(folder: &Path, scenario: &str) -> Self {
+        Self::spawn(support::command().args(["demo", "--scenario", scenario, "--dir"]).arg(folder))
+    }
+
+    fn spawn(command: &mut Command) -> Self {
+        command.args(["--bind", "127.0.0.1:0"]);
         let mut child = command.stderr(Stdio::null()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let first = lines.next().unwrap().unwrap();

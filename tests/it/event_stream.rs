@@ -4,6 +4,7 @@ use crate::notify::alarms;
 use crate::notify::folder;
 use crate::notify::history;
 use crate::notify::operate;
+use crate::page;
 use crate::support::Daemon;
 use serde_json::Value;
 use serde_json::json;
@@ -126,4 +127,34 @@ fn a_stream_of_events_goes_on_over_restarts_without_loss_or_duplicate() {
     assert_eq!(status, 400, "{problem}");
     assert_eq!(daemon.get_json("/api/v1/events?machine=none").0, 404);
     assert_eq!(daemon.terminate().status.code(), Some(0));
+}
+
+#[test]
+fn live_features_of_a_machine_come_beside_its_events_and_are_those_of_the_trend() {
+    let daemon = page::damaged_bearing();
+    let query = "?machine=rig-1&features=rms,kurtosis&last_event_id=0";
+    let is_measured = |one: &Event| one.name == "features";
+    let found = events(&daemon, query, None, |found| {
+        found.iter().any(is_measured) && found.iter().any(|one| one.name == "health")
+    });
+    let measured = &found.iter().find(|one| is_measured(one)).unwrap().data;
+    assert_eq!((&measured["machine"], &measured["time_unknown"]), (&json!("rig-1"), &json!(true)));
+    let channel = &measured["channels"][0];
+    assert_eq!(channel["name"], json!(["rms", "kurtosis"]));
+    let path = format!(
+        "/api/v1/machines/rig-1/channels/{}/trend?features=rms",
+        channel["channel"].as_str().unwrap()
+    );
+    let (_, trend) = daemon.get_json(&path);
+    let newest =
+        |name: &str| trend["features"][0][name].as_array().unwrap().last().unwrap().clone();
+    assert_eq!(
+        (newest("time_s"), newest("value")),
+        (measured["time_s"].clone(), channel["value"][0].clone())
+    );
+    let (status, problem) = daemon.get_json("/api/v1/events?features=rms");
+    assert_eq!(
+        (status, problem["detail"].as_str()),
+        (400, Some("features are those of one machine: name it"))
+    );
 }

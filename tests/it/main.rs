@@ -4,6 +4,9 @@
 #![expect(clippy::panic, reason = "a test may panic; clippy exempts only #[test] functions")]
 
 mod support;
+#[path = "../fences/mod.rs"]
+mod fences;
+mod examples;
 mod access;
 mod secrets;
 mod tools;
@@ -39,6 +42,8 @@ mod baseline;
 mod browser;
 mod page;
 mod page_acts;
+mod page_tokens;
+mod page_figures;
 mod pictures;
 mod diagnose;
 mod evaluate;

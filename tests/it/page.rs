@@ -1,14 +1,11 @@
 //! The dashboard in a browser.
 
-#![expect(clippy::print_stdout, reason = "a test that skips itself says so, and figures are told")]
-
 use crate::browser::{Browser, Demo, ENTER, Size, TAB, skipped};
 use crate::pictures;
 use crate::scene;
 use crate::simulated;
 use crate::support;
 use crate::support::Daemon;
-use serde_json::Value;
 
 /// What `[data-component="bearing/right"]` of the fleet shows.
 const RIGHT: &str = "document.querySelector('[data-component=\"bearing/right\"]')";
@@ -211,64 +208,4 @@ pub(crate) fn damaged_bearing() -> Daemon {
     let daemon = Daemon::start_in(dir);
     daemon.wait_finished("rig-1");
     daemon
-}
-
-#[test]
-#[ignore = "needs chromium and chromium-driver; takes minutes: figures for docs/performance.md"]
-fn figures_of_the_page() {
-    let test = "figures_of_the_page";
-    let Some(browser) = Browser::open(test, Size::Desktop) else { return };
-    let demo = Demo::start("GG_GS_BB");
-    browser.go(&format!("{}/", demo.url));
-    browser.wait(&format!("{RIGHT} !== null"));
-    let mut paints: Vec<f64> = (0..9)
-        .map(|_| {
-            browser.reload();
-            browser.wait(&format!("{RIGHT} !== null"));
-            let script = "return performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null";
-            browser.run(script).as_f64().unwrap()
-        })
-        .collect();
-    paints.sort_by(f64::total_cmp);
-    println!("first contentful paint, ms: median {:.0}, slowest {:.0}", paints[4], paints[8]);
-    browser.chromium("Performance.enable", &serde_json::json!({}));
-    let metric = |name: &str| {
-        let all = browser.chromium("Performance.getMetrics", &serde_json::json!({}));
-        let found = all["metrics"].as_array().unwrap().iter().find(|m| m["name"] == name).cloned();
-        found.map_or(0.0, |found| found["value"].as_f64().unwrap())
-    };
-    let spent = |seconds: u64| {
-        let before = (metric("TaskDuration"), metric("Timestamp"));
-        std::thread::sleep(std::time::Duration::from_secs(seconds));
-        (metric("TaskDuration") - before.0) / (metric("Timestamp") - before.1) * 100.0
-    };
-    for (what, address) in [
-        ("fleet", "#/"),
-        ("live amplitude spectrum", "#/signals/rig-1?channel=right_x&kind=amplitude&live=1"),
-        ("live waterfall", "#/signals/rig-1?channel=right_x&kind=waterfall&live=1"),
-    ] {
-        browser.go(&format!("{}/{address}", demo.url));
-        std::thread::sleep(std::time::Duration::from_secs(10));
-        println!("{what}: {:.1} % of a core in the page's main thread", spent(20));
-    }
-
-    // A day of looks at the state, as fast as they are answered: every 4 s makes 21,600 a day.
-    browser.go(&format!("{}/#/", demo.url));
-    browser.wait(&format!("{RIGHT} !== null"));
-    let heap = || {
-        browser.chromium("HeapProfiler.collectGarbage", &serde_json::json!({}));
-        metric("JSHeapUsedSize") / 1e6
-    };
-    for part in 0..=4 {
-        let nodes: Value = browser.run("return document.querySelectorAll('*').length");
-        println!("after {} looks: heap {:.2} MB, {nodes} elements", part * 5400, heap());
-        if part < 4 {
-            for _ in 0..54 {
-                browser.run_async(
-                    "const { look } = await import('/dashboard/store.js'); \
-                     for (let i = 0; i < 100; i += 1) await look(); return true",
-                );
-            }
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! What stands around every route.
 
-use crate::api::support::{Behaviour, HOST, Service};
+use crate::api::support::{Behaviour, Service};
 use axum::http::Request;
 use std::io::Read;
 use std::sync::Arc;
@@ -38,11 +38,14 @@ async fn every_answer_has_the_security_headers() {
 
 #[tokio::test]
 async fn foreign_hosts_are_refused_on_every_route() {
-    let service = Service::new();
+    let service = Service::with(Behaviour::Answers, |settings| {
+        settings.hosts = vec!["monitor.example.org".to_owned()];
+    });
     for path in ["/", "/livez", "/api/v1/machines", "/nothing"] {
         let request = Request::get(path).header("host", "evil.example:8080");
         let detail = service.send(request).await.problem(421);
-        assert!(detail.contains("evil.example") && detail.contains(HOST), "{detail}");
+        assert!(detail.contains("evil.example") && detail.contains("server.hosts"), "{detail}");
+        assert!(!detail.contains("monitor"), "its names are not for strangers: {detail}");
     }
     let request = Request::get("/livez").header("host", "localhost:8080");
     assert_eq!(service.send(request).await.status, 200);

@@ -105,6 +105,38 @@ pub struct MaintenanceChangeWire {
     pub until: Option<String>,
 }
 
+/// What was measured in the window that was judged last.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct WindowFeaturesWire {
+    /// Machine id.
+    pub machine: String,
+    /// End of the window, in stream time.
+    pub time: String,
+    /// The same in seconds of stream time.
+    pub time_s: Option<f64>,
+    /// Whether the stream's start is unknown, so that times count from 1970-01-01.
+    pub time_unknown: bool,
+    /// Each channel with a feature that was asked for.
+    pub channels: Vec<ChannelFeaturesWire>,
+}
+
+/// Features of a channel in one window, in columns.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct ChannelFeaturesWire {
+    /// Channel.
+    pub channel: String,
+    /// First sample.
+    pub start_sample: u64,
+    /// Samples.
+    pub n_samples: u64,
+    /// Names.
+    pub name: Vec<String>,
+    /// Units.
+    pub unit: Vec<String>,
+    /// Values.
+    pub value: Vec<Option<f64>>,
+}
+
 /// Where a stream of events begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
 pub struct PlaceWire {

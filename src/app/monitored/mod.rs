@@ -98,6 +98,8 @@ pub struct Monitored {
     diagnosis: Option<Arc<Diagnosis>>,
     state_since_s: Vec<f64>,
     features: Arc<Vec<ChannelFeatures>>,
+    /// Stream time of the end of their window, s.
+    window_end_s: Option<f64>,
     /// One a channel.
     trends: Vec<TrendStore>,
     /// Their way to the store.
@@ -152,6 +154,7 @@ impl Monitored {
             diagnosis: None,
             state_since_s: Vec::new(),
             features: Arc::default(),
+            window_end_s: None,
             losses,
             publisher,
             meters,
@@ -337,6 +340,7 @@ impl Monitored {
             diagnosis: self.diagnosis.clone(),
             state_since_s: self.state_since_s.clone(),
             features: Arc::clone(&self.features),
+            window_end_s: self.window_end_s,
             alarms: Arc::new(alarms),
             advance: self.alarms().advance().into(),
             alarm_load,
@@ -401,6 +405,7 @@ impl Monitored {
             });
             self.judged_by = Arc::clone(&self.configuration);
             self.features = Arc::new(outcome.features);
+            self.window_end_s = Some(end_s);
             self.capture(&outcome.alarm_events, end_s);
             self.keep(outcome.alarm_events, health);
             self.meters.machine.windows_judged.inc();
@@ -489,6 +494,7 @@ fn empty_view(machine: &Arc<Machine>, configuration: &Arc<str>) -> MachineView {
         diagnosis: None,
         state_since_s: Vec::new(),
         features: Arc::default(),
+        window_end_s: None,
         alarms: Arc::default(),
         advance: Arc::new([]),
         alarm_load: Load::default(),

@@ -53,6 +53,7 @@ impl Monitored {
         self.trending = Some(fresh.trending);
         self.seen = Seen::default();
         self.features = Arc::default();
+        self.window_end_s = None;
         self.keep(fresh.alarm_events, Vec::new());
         self.publish(queue_bytes);
     }

@@ -13,10 +13,12 @@ export class Problem extends Error {
 }
 
 let token = sessionStorage.getItem(KEY);
-/** Asks the operator; set by the shell. Gives a token, or null if none is given. */
+/** Asks the operator, and says why; set by the shell. Gives a token, or null if none is given. */
 let askForToken = async () => null;
 /** The question that is open, shared by all requests that wait for it. */
 let asking = null;
+/** Whether the operator gave none: until one is wanted nothing is sent, and nobody asked again and again. */
+let isDeclined = false;
 
 export function onTokenNeeded(ask) {
   askForToken = ask;
@@ -29,15 +31,60 @@ export function forgetToken() {
 
 export const hasToken = () => token !== null;
 
-async function renewToken(refused) {
+/** Lets the operator be asked again. */
+export function wantToken() {
+  isDeclined = false;
+}
+
+function declined() {
+  const problem = new Problem(401, { detail: "This daemon needs a token." });
+  return Object.assign(problem, { remedy: { text: "Enter a token", prepare: wantToken } });
+}
+
+/** Why the daemon does not take a token; null: it does, or does not say. */
+async function refusal(one) {
+  // A header could not carry it.
+  if (!/^[\x21-\x7e]+$/.test(one)) return new Problem(401, { detail: "no token has such characters" });
+  try {
+    const headers = { accept: "application/json", authorization: `Bearer ${one}` };
+    return await notTaken(await fetch(`${ROOT}/alarms?limit=1`, { headers }));
+  } catch {
+    return null;
+  }
+}
+
+/** What an answer says if it was given for want of a token, or of a right one. */
+async function notTaken(response) {
+  if (response.status !== 401 && response.status !== 429) return null;
+  const problem = new Problem(response.status, await response.clone().json().catch(() => null));
+  return response.status === 401 || problem.kind === "too-many-failures" ? problem : null;
+}
+
+/** Asks until a token is taken: tried once here, not by everything that waits for it. */
+async function ask(why) {
+  for (let reason = why; ; ) {
+    const given = await askForToken(reason);
+    if (!given) return null;
+    const problem = await refusal(given);
+    if (!problem) return given;
+    reason = problem.message;
+  }
+}
+
+/** Gets another token than `refused`, which the daemon did not take for the reason `why`. */
+async function renewToken(refused, why) {
   // Somebody else was given another one meanwhile.
-  if (token !== refused) return true;
-  asking ??= askForToken(refused !== null).finally(() => (asking = null));
+  if (token !== refused) return;
+  asking ??= ask(refused === null ? null : why).finally(() => (asking = null));
   const given = await asking;
-  if (!given) return false;
+  // All who waited get the same answer.
+  if (token !== refused) return;
+  if (!given) {
+    isDeclined = true;
+    throw declined();
+  }
   token = given;
   sessionStorage.setItem(KEY, given);
-  return true;
 }
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
@@ -45,13 +92,17 @@ const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 /** Sends a request with the token; asks for one, and waits, as the daemon says. */
 export async function send(path, options = {}) {
   for (let busy = 0; ; ) {
+    // Without a token that may be right nothing is sent: each request would be refused.
+    await asking?.catch(() => null);
+    if (isDeclined) throw declined();
     const used = token;
     const headers = { accept: "application/json", ...options.headers };
     if (used !== null) headers.authorization = `Bearer ${used}`;
     const response = await fetch(`${ROOT}${path}`, { ...options, headers });
-    if (response.status === 401) {
-      if (await renewToken(used)) continue;
-      throw new Problem(401, { detail: "this daemon needs a token" });
+    const problem = await notTaken(response);
+    if (problem) {
+      await renewToken(used, problem.message);
+      continue;
     }
     const isRead = !options.method || options.method === "GET";
     if (response.status === 503 && isRead && busy < 6 && !options.signal?.aborted) {

@@ -75,20 +75,26 @@ export function captureLink(capture) {
   );
 }
 
+/** Heads of the columns; on a phone they stand before each value. */
+const HEADS = ["Capture", "Machine", "At", "Because of", "Length", "Size", "State", "Windows to judge again", "File"];
+
 function item(one, isChosen) {
   const length = one.to_s !== null && one.from_s !== null ? span(one.to_s - one.from_s) : "";
+  const values = [
+    one.machine,
+    time(one.trigger),
+    one.cause === "alarm" ? one.alarms.map((id) => [h("a", { href: `#/alarms/${encodeURIComponent(id)}` }, id), " "]) : `${one.author}: ${one.comment ?? ""}`,
+    length,
+    one.bytes ? bytes(one.bytes) : "–",
+    [one.state, one.note && h("span", { class: "soft" }, ` ${one.note}`)],
+    number(one.windows),
+    h("span", { class: "acts" }, judgeButton(one.id, one.state), fileButton(one.id, one.state)),
+  ];
   return h(
     "tr",
     { class: isChosen ? "chosen" : "", dataset: { capture: one.id } },
     h("th", { scope: "row" }, one.id),
-    h("td", null, one.machine),
-    h("td", null, time(one.trigger)),
-    h("td", null, one.cause === "alarm" ? one.alarms.map((id) => [h("a", { href: `#/alarms/${encodeURIComponent(id)}` }, id), " "]) : `${one.author}: ${one.comment ?? ""}`),
-    h("td", null, length),
-    h("td", null, one.bytes ? bytes(one.bytes) : "–"),
-    h("td", null, one.state, one.note && h("span", { class: "soft" }, ` ${one.note}`)),
-    h("td", null, number(one.windows)),
-    h("td", null, judgeButton(one.id, one.state), " ", fileButton(one.id, one.state)),
+    values.map((value, i) => h("td", { dataset: { head: HEADS[i + 1] } }, h("span", null, value))),
   );
 }
 
@@ -119,11 +125,10 @@ export function openCaptures(root, { parts, query }) {
       fill(list, empty("There is no capture yet: one is made around each alarm, and when somebody asks for it below."));
       return;
     }
-    const heads = ["Capture", "Machine", "At", "Because of", "Length", "Size", "State", "Windows to judge again", "File"];
     fill(
       list,
       h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Captures" },
-        h("table", null, h("thead", null, h("tr", null, heads.map((t) => h("th", { scope: "col" }, t)))), h("tbody", null, page.items.map((one) => item(one, one.id === wanted))))),
+        h("table", { class: "stacked" }, h("thead", null, h("tr", null, HEADS.map((t) => h("th", { scope: "col" }, t)))), h("tbody", null, page.items.map((one) => item(one, one.id === wanted))))),
       h("p", { class: "soft" }, "A file holds all that its verdicts rested on: ", h("code", null, again("CAPTURE")), " judges its windows again and must find the same."),
       page.next && h("button", { type: "button", onclick: () => ask(page.next) }, "Older"),
     );

@@ -91,7 +91,7 @@ export function openDemo(root, { parts }) {
   function speeds(simulation) {
     const now = Math.abs(simulation.shaft_speed_hz);
     const options = [...new Set([...SPEEDS, now])].sort((a, b) => a - b).map((hz) => [String(hz), `${number(hz)} Hz`]);
-    return h("div", { class: "field" }, h("span", null, "Shaft speed"), choice("Shaft speed", options, String(now), (value) => apply({ shaft_speed_hz: Number(value) }, `The shaft turns at ${value} Hz`)));
+    return h("div", { class: "field" }, h("span", null, "Shaft speed"), choice("Shaft speed", options, String(now), (value) => apply({ shaft_speed_hz: Number(value) }, `The shaft turns at ${value} Hz; a baseline learned at another speed is not used`)));
   }
 
   function growth() {

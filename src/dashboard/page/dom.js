@@ -59,7 +59,9 @@ export function badge(state) {
 export const loading = (what) => h("p", { class: "note", role: "status" }, `Loading ${what} …`);
 export const empty = (...why) => h("p", { class: "note" }, why);
 export function failed(error, again) {
-  const retry = again && h("button", { type: "button", onclick: again }, "Try again");
+  // An error that trying again alone does not mend says what does.
+  const { text, prepare } = error.remedy ?? { text: "Try again", prepare() {} };
+  const retry = again && h("button", { type: "button", onclick: () => { prepare(); again(); } }, text);
   return h("p", { class: "note failed", role: "alert" }, `${error.message} `, retry);
 }
 

@@ -113,7 +113,8 @@ export function heatMap(host, spec) {
     for (let y = top; y < bottom; y += 1) {
       const shade = Math.round(255 * (1 - (y - top) / (bottom - top)));
       ctx.fillStyle = `rgb(${PALETTE[3 * shade]} ${PALETTE[3 * shade + 1]} ${PALETTE[3 * shade + 2]})`;
-      ctx.fillRect(left, y, 12, 1);
+      // Down to the end: rows that end between two pixels of the screen would leave stripes.
+      ctx.fillRect(left, y, 12, bottom - y);
     }
     ctx.fillStyle = colour("soft");
     ctx.textAlign = "left";

@@ -142,7 +142,8 @@ export function linePlot(host, spec) {
     return {
       width,
       height: shown.height ?? 280,
-      padding: [10, 12, 0, 0],
+      // The last label of a time is as long as half a distance.
+      padding: [10, shown.xTick ? 32 : 12, 0, 0],
       legend: { show: false },
       cursor: { drag: { x: true, y: false, setScale: true }, points: { size: 7 }, y: false },
       scales: {

@@ -22,14 +22,17 @@ export function dialog(title, ...children) {
   });
 }
 
-async function askForToken(wasRefused) {
+/** Asks for a token; `why` the last one was refused, or null if there was none. */
+async function askForToken(why) {
   const input = h("input", { type: "password", name: "token", required: true, autocomplete: "off", "aria-describedby": "token-note" });
+  // No submit button: the first one is what the Enter key presses.
+  const cancel = h("button", { type: "button", onclick: () => form.closest("dialog").close() }, "Cancel");
   const form = h(
     "form",
     { method: "dialog" },
-    h("p", { id: "token-note" }, wasRefused ? "The daemon refused the token. " : "The daemon needs a token. ", "It is kept for this tab only, until it is closed."),
+    h("p", { id: "token-note" }, why === null ? "The daemon needs a token. " : `The daemon refused the token: ${why}. `, "It is kept for this tab only, until it is closed."),
     field("Token", input),
-    h("menu", null, h("button", { value: "cancel", formnovalidate: "" }, "Cancel"), h("button", { value: "use", class: "primary" }, "Use it")),
+    h("menu", null, cancel, h("button", { value: "use", class: "primary" }, "Use it")),
   );
   const answer = await dialog("Token", form);
   return answer === "use" ? input.value.trim() : null;
@@ -90,7 +93,12 @@ export function showNav(view, now) {
       : now.link === "lost"
         ? `no answer${now.lookedAt ? ` for ${span(age)}` : ""}, trying again`
         : "connecting";
-  if (status.textContent !== text) status.textContent = text;
+  const remedy = now.link === "lost" ? now.error?.remedy : null;
+  const shown = remedy ? `${now.error.message} ` : text;
+  if (status.dataset.shown !== shown) {
+    status.dataset.shown = shown;
+    fill(status, shown, remedy && h("button", { type: "button", onclick: () => { remedy.prepare(); look(); } }, remedy.text));
+  }
   status.className = `link ${now.link}`;
   status.title = now.error?.message ?? "";
   document.body.classList.toggle("stale", now.link === "lost" && Boolean(now.lookedAt));
