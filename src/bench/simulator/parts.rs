@@ -10,7 +10,7 @@ use crate::simulator::scene::{BearingKind, Scene, builtin};
 use serde_json::{Value, json};
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 9] = [
+pub const COLUMNS: [Column; 10] = [
     Column { name: "scene", width: 46 },
     Column { name: "shapes", width: 6 },
     Column { name: "torsion", width: 7 },
@@ -18,6 +18,7 @@ pub const COLUMNS: [Column; 9] = [
     Column { name: "step_us", width: 8 },
     Column { name: "setup_cpu_s", width: 11 },
     Column { name: "cpu_s_per_s", width: 11 },
+    Column { name: "yardsticks", width: 10 },
     Column { name: "spread", width: 6 },
     Column { name: "cost_over_whole", width: 15 },
 ];
@@ -144,6 +145,7 @@ pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, Bench
             Cell::Plain(1e6 * plan.step_s(), 2),
             Cell::Number(cost.setup_s, 2),
             Cell::Number(cost.run_s_per_s, 2),
+            Cell::Plain(cost.yardsticks, 0),
             Cell::Plain(cost.spread, 2),
             Cell::Plain(of_whole, 2),
         ];

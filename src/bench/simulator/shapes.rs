@@ -4,6 +4,7 @@
 //! another frequency: the difference is that of the reduction alone. Sensors see means of the acceleration over two
 //! steps; points of one that jumps would fold what lies beyond their filters into their band.
 
+use crate::bench::clock::{self, Yardstick};
 use crate::bench::records::{Record, mean_accelerations, port_run, stepped, steps, worst};
 use crate::bench::scenes::{A3, D0, D3, Rig};
 use crate::bench::table::{Cell, Column};
@@ -16,7 +17,7 @@ use cpu_time::ThreadTime;
 use serde_json::{Value, json};
 
 /// The columns of the table.
-pub const COLUMNS: [Column; 9] = [
+pub const COLUMNS: [Column; 10] = [
     Column { name: "scene", width: 18 },
     Column { name: "modes", width: 5 },
     Column { name: "attachments", width: 11 },
@@ -25,6 +26,7 @@ pub const COLUMNS: [Column; 9] = [
     Column { name: "error_bearings", width: 14 },
     Column { name: "error_sensors", width: 13 },
     Column { name: "cpu_s_per_s", width: 11 },
+    Column { name: "yardsticks", width: 10 },
     Column { name: "cost_over_automatic", width: 19 },
 ];
 
@@ -95,6 +97,8 @@ struct Point {
     setting: Setting,
     record: Record,
     cpu_s_per_s: f64,
+    /// The same in yardsticks of the same time.
+    yardsticks: f64,
 }
 
 /// Measures every choice and hands on its row.
@@ -155,7 +159,8 @@ fn point(scene: &Scene, choice: Choice, effort: &Effort) -> Result<Point, BenchE
     let begun = ThreadTime::now();
     run.fill(steps(effort.timed_s, TIMED_STEP_S), &mut values);
     let cpu_s_per_s = begun.elapsed().as_secs_f64() / effort.timed_s;
-    Ok(Point { choice, setting, record, cpu_s_per_s })
+    let yardsticks = cpu_s_per_s / clock::round_s(&mut Yardstick::new(), 0.02);
+    Ok(Point { choice, setting, record, cpu_s_per_s, yardsticks })
 }
 
 fn row(name: &str, point: &Point, all: &Record, usual_s: Option<f64>) -> Vec<Cell> {
@@ -173,6 +178,7 @@ fn row(name: &str, point: &Point, all: &Record, usual_s: Option<f64>) -> Vec<Cel
         Cell::Number(worst(&point.record.bearings, &all.bearings), 1),
         Cell::Number(worst(&point.record.sensors, &all.sensors), 1),
         Cell::Number(point.cpu_s_per_s, 2),
+        Cell::Plain(point.yardsticks, 0),
         usual_s.map_or(Cell::Text(String::new()), |s| Cell::Plain(point.cpu_s_per_s / s, 2)),
     ]
 }
@@ -199,6 +205,7 @@ pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
             Cell::Text(_),
             ..,
             Cell::Number(error, _),
+            _,
             _,
             _,
         ] = &row[..]
