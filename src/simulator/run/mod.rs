@@ -58,8 +58,9 @@ const MOST_CROSSINGS: u32 = 32;
 /// 2.83 on.
 const STIFFEST: f64 = 2.0;
 
-/// Most parts of a step: beyond, a motion that grows is told to grow.
-const MOST_PARTS: u32 = 256;
+/// Most parts of a step: contacts that have become stiffer than that by far are no scene of this world, and would take the processor for
+/// hours; what grows beyond it is told to grow.
+const MOST_PARTS: u32 = 16;
 
 impl Run {
     /// A run from rest, or from the state given, in steps of `step_s`. Of a state of both planes alone
