@@ -285,9 +285,9 @@ fn a_killed_daemon_begins_anew_and_what_it_recorded_is_the_simulation() {
 }
 
 #[test]
-fn a_motion_without_bound_fails_its_own_machine_only() {
+fn a_scene_too_dear_for_real_time_lags_says_so_and_spoils_no_other() {
     let dir = folder("", &["rig-1"]);
-    // Contacts far too stiff for the step, and touched when that has been chosen: no scene of this world.
+    // Contacts as stiff as a scene may have them, touched when the step has been chosen: each step is divided.
     let contact = "conformity = 0.52\nyoung_gpa = 206.8\npoisson = 0.3\n";
     let text = builtin::text("GG_GS_GB").unwrap();
     assert!(text.contains(contact) && text.contains("start = \"rotating\""));
@@ -304,13 +304,10 @@ fn a_motion_without_bound_fails_its_own_machine_only() {
     let config = fs::read_to_string(dir.path().join("serve.toml")).unwrap() + second;
     fs::write(dir.path().join("serve.toml"), config).unwrap();
     let daemon = Daemon::start_in(dir);
-    support::wait_until("the failure", || (daemon.source_of("rig-2") == "failed").then_some(()));
-    let (_, health) = daemon.get_json("/api/v1/machines/rig-2/health");
-    let reason = health["data"]["reason"].as_str().unwrap();
-    assert!(reason.contains("the motion grew without bound"), "{reason}");
-    assert_eq!(simulation(&daemon, "rig-2")["source"], "failed");
-    let ended = json!({ "machine": "rig-2", "scenario": "GG_GS_GB" });
-    assert_eq!(daemon.post_json(PATH, &ended).0, 409);
+    let behind = || (simulation(&daemon, "rig-2")["keeps_pace"] == false).then_some(());
+    support::wait_until("the lag", behind);
+    assert_eq!(daemon.source_of("rig-2"), "running");
+    assert_eq!(simulation(&daemon, "rig-1")["keeps_pace"], true);
     let bent = json!({ "machine": "rig-1", "scenario": "GG_BS_GB" });
     assert_eq!(daemon.post_json(PATH, &bent).0, 200);
     wait_for_shaft(&daemon, "rig-1", "damaged", Some("bow"));
