@@ -57,7 +57,6 @@ impl Effort {
     pub const THINNED: Self = Self {
         accuracies: &[1e-3, 1e-5],
         compared_s: 0.02,
-        tolerances: [1e-11, 1e-9],
         n_repeats: 1,
         repeat_s: 0.005,
         ..Self::WHOLE
