@@ -1,5 +1,6 @@
 //! One machine on its shard: its monitor, what became of it, and the snapshot shown to HTTP.
 
+mod shown;
 mod switching;
 
 use super::alarming::Alarming;
@@ -16,13 +17,11 @@ use super::trend::TrendStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
-use crate::alarms::load::Load;
 use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
 use crate::api::view::Waveform;
-use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
@@ -129,7 +128,7 @@ impl Monitored {
         }
         let channels = opened.monitor.as_ref().map_or(Vec::new(), |m| m.channels().to_vec());
         let meters = Meters::new(metrics, &machine.id, &channels);
-        let empty = empty_view(&machine, &opened.configuration);
+        let empty = shown::empty(&machine, &opened.configuration);
         let (publisher, view) = watch::channel(Arc::new(empty));
         let transitions = meters.machine.alarm_transitions.clone();
         let load = metrics.alarm_load(&machine.id);
@@ -320,35 +319,6 @@ impl Monitored {
         }
     }
 
-    /// Publishes a snapshot.
-    pub fn publish(&mut self, queue_bytes: usize) {
-        let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
-        let dropped = self.losses.so_far();
-        self.meters.update(&rings, dropped.0);
-        let alarms = self.alarms().standing();
-        self.meters.show(self.diagnosis.as_deref(), &alarms);
-        let stream_time_s = newest_time_s(&rings);
-        let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
-        self.publisher.send_replace(Arc::new(MachineView {
-            machine: Arc::clone(&self.machine),
-            judged_by: Arc::clone(&self.judged_by),
-            source: self.source.clone(),
-            stream_time_s,
-            start_time: self.start_time,
-            channels: Arc::clone(&self.channels),
-            rings,
-            diagnosis: self.diagnosis.clone(),
-            state_since_s: self.state_since_s.clone(),
-            features: Arc::clone(&self.features),
-            window_end_s: self.window_end_s,
-            alarms: Arc::new(alarms),
-            advance: self.alarms().advance().into(),
-            alarm_load,
-            queue_bytes,
-            dropped,
-        }));
-    }
-
     fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
         self.alarming.note_block(arrived);
         let is_back = self.opener.is_some() && self.source == SourceState::Finished;
@@ -389,8 +359,12 @@ impl Monitored {
     ) {
         for outcome in outcomes {
             let end_s = outcome.time_s.1;
-            self.state_since_s =
-                since(self.diagnosis.as_deref(), &self.state_since_s, &outcome.diagnosis, end_s);
+            self.state_since_s = shown::since(
+                self.diagnosis.as_deref(),
+                &self.state_since_s,
+                &outcome.diagnosis,
+                end_s,
+            );
             self.seen.push(&outcome);
             self.trending.iter_mut().for_each(|trending| trending.take(&outcome));
             for features in &outcome.features {
@@ -447,7 +421,7 @@ impl Monitored {
         match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
             // Before the first sample of live senders only the clock says what time it is.
             Some(start) => (super::wall_clock().0.saturating_sub(start.0)) as f64 / 1e9,
-            None => newest_time_s(&rings),
+            None => shown::newest_time_s(&rings),
         }
     }
 }
@@ -461,44 +435,5 @@ pub(super) fn engine<'m>(
     match monitor {
         Some(monitor) => monitor.alarms_mut(),
         None => idle,
-    }
-}
-
-/// Stream time one past the newest sample of any channel, s.
-fn newest_time_s(rings: &[RingStatus]) -> f64 {
-    rings.iter().map(|ring| ring.newest_time_s).fold(0.0, f64::max)
-}
-
-/// Since when each component of `new`, and then the whole, has its state, s of stream time.
-fn since(old: Option<&Diagnosis>, old_since_s: &[f64], new: &Diagnosis, now_s: f64) -> Vec<f64> {
-    let component_since = new.components.iter().map(|component| {
-        let components = old.map_or(&[][..], |old| &old.components);
-        let at = components.iter().position(|o| {
-            o.kind == component.kind && o.id == component.id && o.state == component.state
-        });
-        at.and_then(|at| old_since_s.get(at).copied()).unwrap_or(now_s)
-    });
-    let whole = old.filter(|old| old.state == new.state).and_then(|_| old_since_s.last().copied());
-    component_since.chain([whole.unwrap_or(now_s)]).collect()
-}
-
-fn empty_view(machine: &Arc<Machine>, configuration: &Arc<str>) -> MachineView {
-    MachineView {
-        machine: Arc::clone(machine),
-        judged_by: Arc::clone(configuration),
-        source: SourceState::Starting,
-        stream_time_s: 0.0,
-        start_time: None,
-        channels: Arc::default(),
-        rings: Vec::new(),
-        diagnosis: None,
-        state_since_s: Vec::new(),
-        features: Arc::default(),
-        window_end_s: None,
-        alarms: Arc::default(),
-        advance: Arc::new([]),
-        alarm_load: Load::default(),
-        queue_bytes: 0,
-        dropped: (0, 0),
     }
 }
