@@ -10,6 +10,10 @@ use crate::simulator::scene::{Scene, Start};
 use crate::simulator::simulation::{AdvanceError, Samples, Simulation};
 use std::convert::Infallible;
 use std::f64::consts::TAU;
+use std::num::NonZero;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 
 /// Every so manieth scene with contacts is compared with the reference.
 const COMPARED_EVERY: u64 = 50;
@@ -43,6 +47,35 @@ struct Tally {
     error: f64,
 }
 
+/// What came of every scene, in their order: made by all processors at once, for none knows of another.
+fn outcomes(search: &Search) -> Vec<(u64, Class, Outcome)> {
+    let next = AtomicU64::new(search.first_seed);
+    let last = search.first_seed.saturating_add(search.n_scenes);
+    let work = || {
+        let mut found = Vec::new();
+        loop {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            if number >= last {
+                return found;
+            }
+            let drawn = drawn::scene(number);
+            let is_compared = number.is_multiple_of(COMPARED_EVERY);
+            let outcome = catch_unwind(AssertUnwindSafe(|| outcome(&drawn, is_compared)));
+            let outcome = outcome.unwrap_or_else(|_| Outcome::Failed("panicked".to_owned()));
+            found.push((number, drawn.class, outcome));
+        }
+    };
+    let workers = thread::available_parallelism().map_or(1, NonZero::get);
+    let mut found: Vec<_> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        let joined =
+            workers.into_iter().map(|worker| worker.join().unwrap_or_else(|e| resume_unwind(e)));
+        joined.flatten().collect()
+    });
+    found.sort_by_key(|(number, ..)| *number);
+    found
+}
+
 /// Runs the scenes and gives three rows a class, and one for each that failed (the first 20).
 ///
 /// # Errors
@@ -51,14 +84,11 @@ struct Tally {
 pub fn scenes(search: &Search) -> Result<Vec<Row>, BenchError> {
     let mut tallies = Class::ALL.map(|class| (class, Tally::default()));
     let mut rows = Vec::new();
-    let last = search.first_seed.saturating_add(search.n_scenes);
-    for number in search.first_seed..last {
-        let drawn = drawn::scene(number);
-        let is_compared = number.is_multiple_of(COMPARED_EVERY);
-        let Some((_, tally)) = tallies.iter_mut().find(|(class, _)| *class == drawn.class) else {
+    for (number, class, outcome) in outcomes(search) {
+        let Some((_, tally)) = tallies.iter_mut().find(|(of, _)| *of == class) else {
             continue;
         };
-        match outcome(&drawn, is_compared) {
+        match outcome {
             Outcome::Ran { growth, error } => {
                 tally.n_ran += 1;
                 if let Some(growth) = growth {
@@ -70,14 +100,14 @@ pub fn scenes(search: &Search) -> Result<Vec<Row>, BenchError> {
                     tally.error = tally.error.max(error);
                 }
                 if let Some(miss) = missed(growth, error).filter(|_| rows.len() < 20) {
-                    rows.push(failure(number, drawn.class, miss));
+                    rows.push(failure(number, class, miss));
                 }
             }
             Outcome::Refused => tally.n_refused += 1,
             Outcome::Failed(why) => {
                 tally.n_failed += 1;
                 if rows.len() < 20 {
-                    rows.push(failure(number, drawn.class, why));
+                    rows.push(failure(number, class, why));
                 }
             }
         }
