@@ -4,12 +4,12 @@
 //! how much (D74, D75); what they tell is believed only if it is far more than noise makes of an even speed (F20).
 //! Must not know what is resampled along it.
 
-use super::lines::mains_lines;
 use super::plans::Plans;
 use super::speed;
 use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedSource;
+use super::targets::mains_lines;
 use super::trace;
 use super::trace::Trace;
 use super::turning;

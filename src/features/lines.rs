@@ -1,5 +1,4 @@
-//! Sends every bearing line of the machine through the reader: which sensor listens to which
-//! bearing, which lines of the machine to keep clear of, which bands to read.
+//! Sends every bearing line of the machine through the reader, band by band.
 
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteSpectrum;
@@ -7,41 +6,24 @@ use super::absolute::AbsoluteVibration;
 use super::bands;
 use super::bands::Band;
 use super::bearing;
-use super::bearing::DefectLine;
 use super::bearing::DepthSpectrum;
-use super::bearing::KnownLine;
 use super::bearing::LineSearch;
 use super::bearing::LineTask;
-use super::bearing::Unreadable;
 use super::plans::Plans;
-use super::reach;
+use super::targets;
+use super::targets::HANN_LOBE;
+use super::targets::MIN_WIDTH_PER_LINE;
+use super::targets::Target;
 use crate::dsp::envelope;
 use crate::dsp::real::floor_index;
 use crate::dsp::whiten;
 use crate::dsp::whiten::WhitenPlan;
-use crate::machine::BearingIndex;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
-use crate::machine::bearing::FaultRates;
-use crate::machine::bearing::RotatingRing;
-use crate::machine::sensor::Location;
 use crate::machine::sensor::Sensor;
-use crate::machine::sensor::SensorKind;
-use crate::machine::uncertainty::OrderBands;
-use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
-
-/// A window must hold this many revolutions before its lines can be told from shaft harmonics.
-const MIN_REVOLUTIONS: f64 = 20.0;
-
-/// A demodulation band must be this many times wider than the fastest line: line, two harmonics and
-/// side bands.
-const MIN_WIDTH_PER_LINE: f64 = 2.5;
-
-/// Half width of a Hann main lobe, bins of 1/T.
-const HANN_LOBE: f64 = 2.0;
 
 /// Bins that stand more than this many noise levels high are discrete lines and are held there in the whitened
 /// bands (20 dB): one tone then carries 1 % of a band of 1 kHz in 10 s, while impacts, a comb of a hundred lines,
@@ -51,23 +33,6 @@ const WHITEN_CLIP: f64 = 10.0;
 /// How well a speed is known that shaft harmonics or a tacho gave, relative: orders of the shafts are brought down to
 /// the noise in the whitened bands as far up as this leaves them in their bins.
 const SPEED_PRECISION: f64 = 2e-5;
-
-/// One defect line to look for at a window's speed.
-#[derive(Debug)]
-struct Target {
-    bearing: BearingIndex,
-    line: DefectLine,
-    expected: Hz,
-    band: RelativeBand,
-    /// Another line of the bearing that may stand at the same place, given its geometry's limits.
-    rival: Option<DefectLine>,
-    shaft_speed: Hz,
-    side_band_spacing: Hz,
-    /// Whether it is the line of the race that does not turn.
-    is_at_rest: bool,
-    /// Lines to keep clear of.
-    known: Vec<KnownLine>,
-}
 
 /// Reads bearing lines at one speed.
 #[derive(Debug)]
@@ -128,9 +93,12 @@ impl<'m> LineReader<'m> {
         let usable = bands::usable_band(sensor, rate);
         let mut searches = Vec::new();
         let mut pending: Vec<(usize, Target)> = Vec::new();
-        let targets = self.targets(sensor, self.first);
+        let targets = targets::of_sensor(self.machine, sensor, self.first, self.first);
         let n_here = targets.len();
-        let elsewhere = self.elsewhere.iter().flat_map(|first| self.targets(sensor, *first));
+        let elsewhere = self
+            .elsewhere
+            .iter()
+            .flat_map(|first| targets::of_sensor(self.machine, sensor, self.first, *first));
         for target in targets.into_iter().chain(elsewhere) {
             let blocked = target.unreadable(usable, duration_s);
             let is_readable = blocked.is_none();
@@ -239,11 +207,12 @@ impl<'m> LineReader<'m> {
         };
         let usable = bands::usable_band(sensor, rate);
         let mut found = Vec::new();
-        for target in self.targets(sensor, self.first) {
+        for target in targets::of_sensor(self.machine, sensor, self.first, self.first) {
             if target.unreadable(usable, duration_s).is_some() {
                 continue;
             }
-            let task = target.task(duration_s);
+            // The amplitude itself holds the elements' own smooth motion, which may stand against their modulation.
+            let task = LineTask { sum_of_races: None, ..target.task(duration_s) };
             if let Some((reading, amplitude, floor)) = spectrum.read(&task, &mut self.scratch) {
                 found.push(AbsoluteLine {
                     bearing: target.bearing,
@@ -281,220 +250,5 @@ impl<'m> LineReader<'m> {
         depth.resize(plan.n_bins(), 0.0);
         let mean_square = plan.process(&self.e2, depth)?;
         Some((plan.bin_width_hz(e2_rate_hz), mean_square))
-    }
-
-    /// The bearings a sensor is asked about: its own; or, for a sensor elsewhere, those on its shaft
-    /// (any, at a gear) that have no sensor of their own.
-    fn bearings_heard_by(&self, sensor: &Sensor) -> Vec<BearingIndex> {
-        if !matches!(sensor.kind, SensorKind::Accelerometer | SensorKind::Velocity) {
-            return Vec::new();
-        }
-        let has_own = |b: usize| {
-            self.machine.sensors.iter().any(|s| {
-                s.at == Some(Location::Bearing(BearingIndex(b)))
-                    && matches!(s.kind, SensorKind::Accelerometer | SensorKind::Velocity)
-            })
-        };
-        let near = |b: usize| match sensor.at {
-            Some(Location::Bearing(own)) => own.0 == b,
-            Some(Location::Shaft(shaft)) => !has_own(b) && self.machine.bearings[b].shaft == shaft,
-            Some(Location::Gear(_)) | None => !has_own(b),
-        };
-        (0..self.machine.bearings.len()).filter(|b| near(*b)).map(BearingIndex).collect()
-    }
-
-    /// The defect lines of all bearings a sensor is asked about, at a speed of the first shaft; none of a
-    /// bearing without geometry.
-    fn targets(&self, sensor: &Sensor, first: Hz) -> Vec<Target> {
-        let mut targets = Vec::new();
-        for bearing in self.bearings_heard_by(sensor) {
-            let described = self.machine.bearing(bearing);
-            let speed = self.machine.shaft_speed(described.shaft, first);
-            let Some(shaft_speed) = speed else { continue };
-            let Some(rates) = described.fault_rates(shaft_speed) else { continue };
-            let ftf = Hz(rates.ftf.0.abs());
-            let bands = described.bands;
-            let at_rest = match described.rotating_ring {
-                RotatingRing::Inner => DefectLine::Bpfo,
-                RotatingRing::Outer => DefectLine::Bpfi,
-            };
-            targets.extend(DefectLine::ALL.into_iter().map(|line| {
-                let expected = rate_of(line, &rates);
-                let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
-                let band = line.band_of(&bands);
-                let known = self.known_lines(Hz(expected.0 * (1.0 + band.high)), first);
-                let rival = rival(line, &rates, &bands);
-                Target {
-                    bearing,
-                    line,
-                    expected,
-                    band,
-                    rival,
-                    shaft_speed,
-                    side_band_spacing,
-                    is_at_rest: line == at_rest,
-                    known,
-                }
-            }));
-        }
-        targets
-    }
-
-    /// Lines of the machine below the highest harmonic of `expected` that are no bearing defect: of the shafts at the
-    /// window's speed, and at `first` if that is another.
-    fn known_lines(&self, expected: Hz, first: Hz) -> Vec<KnownLine> {
-        let top = Hz(expected.0 * 1.1 * bearing::N_HARMONICS as f64);
-        let mut known = Vec::new();
-        let other = Some(first).filter(|first| *first != self.first);
-        for speed in std::iter::once(self.first).chain(other) {
-            for shaft in &self.machine.shafts {
-                let Some(ratio) = shaft.ratio_to_first else { continue };
-                let harmonics = harmonics_below(Hz(speed.0 * ratio), top).enumerate();
-                known.extend(harmonics.map(|(i, frequency)| KnownLine {
-                    frequency,
-                    label: format!("{}× {}", i + 1, shaft.id),
-                }));
-            }
-        }
-        let mains = mains_lines(self.machine, top).into_iter();
-        known.extend(mains.map(|frequency| KnownLine { frequency, label: "mains".to_owned() }));
-        known
-    }
-}
-
-impl Target {
-    /// Why this line cannot be read in a window of `duration_s`, if so.
-    fn unreadable(&self, usable: (Hz, Hz), duration_s: f64) -> Option<Unreadable> {
-        let (low, high) = usable;
-        let fastest = self.expected.0 * (1.0 + self.band.high);
-        let needed = Hz(low.0 + fastest * MIN_WIDTH_PER_LINE);
-        if high.0 < needed.0 {
-            return Some(Unreadable::TooSlow { usable: high, needed });
-        }
-        let needed_s = MIN_REVOLUTIONS / self.shaft_speed.0;
-        if duration_s < needed_s {
-            return Some(Unreadable::TooShort { needed_s });
-        }
-        if let Some(with) = self.rival {
-            return Some(Unreadable::GeometryUncertain { with, band: self.band });
-        }
-        reach::covering(self.expected, self.band, &self.known, Hz(HANN_LOBE / duration_s))
-            .map(|line| Unreadable::Coincides { with: line.label.clone() })
-    }
-
-    fn task(&self, duration_s: f64) -> LineTask<'_> {
-        LineTask {
-            line: self.line,
-            expected: self.expected,
-            band: self.band,
-            side_band_spacing: self.side_band_spacing,
-            is_at_rest: self.is_at_rest,
-            shaft_speed: self.shaft_speed,
-            known: &self.known,
-            resolution: Hz(HANN_LOBE / duration_s),
-            floor_half_width: Hz((0.8 * self.shaft_speed.0).max(25.0 / duration_s)),
-        }
-    }
-}
-
-/// Kinematic rate of a line, without sign.
-fn rate_of(line: DefectLine, rates: &FaultRates) -> Hz {
-    match line {
-        DefectLine::Bpfi => rates.bpfi,
-        DefectLine::Bpfo => rates.bpfo,
-        DefectLine::TwoBsf => rates.two_bsf(),
-        DefectLine::Ftf => Hz(rates.ftf.0.abs()),
-    }
-}
-
-/// The line whose searched range meets that of `line` because of the geometry's limits, if any.
-/// Lines that slip alone brings together at a geometry known well are searched; their side bands tell.
-fn rival(line: DefectLine, rates: &FaultRates, bands: &OrderBands) -> Option<DefectLine> {
-    let exact = OrderBands::default();
-    let range = |line: DefectLine, bands: &OrderBands| {
-        reach::searched_range(line, rate_of(line, rates), line.band_of(bands))
-    };
-    let meet = |other: DefectLine, bands: &OrderBands| {
-        let ((low, high), (other_low, other_high)) = (range(line, bands), range(other, bands));
-        low.0 <= other_high.0 && other_low.0 <= high.0
-    };
-    let others = DefectLine::ALL.into_iter().filter(|other| *other != line);
-    let wide = |line: DefectLine| reach::is_wide(line.band_of(bands));
-    others
-        .into_iter()
-        .find(|&other| meet(other, bands) && (wide(line) || wide(other) || !meet(other, &exact)))
-}
-
-/// Harmonics of `fundamental` below `top`, at most 200.
-fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
-    let turns = fundamental.0 > 0.0;
-    (1..=200_u32)
-        .map(move |k| Hz(f64::from(k) * fundamental.0))
-        .take_while(move |line| turns && line.0 < top.0)
-}
-
-/// Mains harmonics of the machine's motors below `top`.
-#[must_use]
-pub fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
-    let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
-    supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::machine::file;
-
-    fn outcomes(designation: &str) -> Vec<(DefectLine, Option<Unreadable>)> {
-        let text = format!(
-            "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
-             [[bearing]]\nid='b'\nshaft='s'\ncatalogue='{designation}'\n\
-             [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={{bearing='b'}}\n"
-        );
-        let machine = file::parse(&text, "m.toml").unwrap();
-        let reader = LineReader::new(&machine, Hz(29.5));
-        let targets = reader.targets(&machine.sensors[0], reader.first);
-        targets.iter().map(|t| (t.line, t.unreadable((Hz(0.0), Hz(5000.0)), 10.0))).collect()
-    }
-
-    #[test]
-    fn lines_of_a_well_known_bearing_are_all_readable() {
-        for designation in ["SKF 6205", "NTN 6203", "SKF 6309", "6206-2Z", "NU 206 ECP"] {
-            for (line, outcome) in outcomes(designation) {
-                assert_eq!(outcome, None, "{designation} {}", line.name());
-            }
-        }
-    }
-
-    #[test]
-    fn a_wide_band_makes_rivals_of_lines_that_meet_by_slip_alone() {
-        // The geometry of SKF 6008 is known to some 2 %: its lines meet by slip and are searched. With a
-        // suffix in no table they are known to a tenth.
-        let at_same_place = |designation: &str| {
-            let outcomes = outcomes(designation);
-            let blocked = |line: DefectLine| {
-                let found = outcomes.iter().find(|(l, _)| *l == line);
-                matches!(found, Some((_, Some(Unreadable::GeometryUncertain { .. }))))
-            };
-            (blocked(DefectLine::Bpfi), blocked(DefectLine::TwoBsf))
-        };
-        assert_eq!(at_same_place("SKF 6008"), (false, false));
-        assert_eq!(at_same_place("SKF 6008 QQ7"), (true, true));
-    }
-
-    #[test]
-    fn lines_that_an_uncertain_geometry_lets_meet_are_not_guessed() {
-        // One maker's data alone: one ball more or less brings BPFI and 2·BSF together.
-        let outcomes = outcomes("FAG 6317");
-        let of = |line: DefectLine| &outcomes.iter().find(|(l, _)| *l == line).unwrap().1;
-        assert!(matches!(
-            of(DefectLine::Bpfi),
-            Some(Unreadable::GeometryUncertain { with: DefectLine::TwoBsf, band }) if band.high > 0.1
-        ));
-        assert!(matches!(
-            of(DefectLine::TwoBsf),
-            Some(Unreadable::GeometryUncertain { with: DefectLine::Bpfi, .. })
-        ));
-        assert_eq!(*of(DefectLine::Ftf), None, "the cage does not depend on the number of balls");
     }
 }

@@ -19,6 +19,7 @@ pub mod shaft;
 pub mod bands;
 pub mod bearing;
 pub mod reach;
+mod targets;
 pub mod lines;
 pub mod absolute;
 pub mod gear;

@@ -3,13 +3,13 @@
 //! Gathers what `tacho` and `speed` need from the window; which of them is believed is theirs to say.
 
 use super::Window;
-use super::lines;
 use super::sensor::SensorReading;
 use super::speed;
 use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedHints;
 use super::tacho;
+use super::targets;
 use super::trace::Trace;
 use crate::machine::Machine;
 use crate::machine::sensor::SensorKind;
@@ -55,7 +55,7 @@ impl Told<'_> {
             peaks.extend(found);
         }
         let imitators = speed::imitators(self.machine);
-        let excluded = lines::mains_lines(self.machine, Hz(nominal.0 * 6.0));
+        let excluded = targets::mains_lines(self.machine, Hz(nominal.0 * 6.0));
         let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
             .or_else(|| speed::find_probe_line(&probes, nominal, duration_s, &excluded));
         let mut settled = speed::settle(nominal, source, comb);

@@ -148,6 +148,7 @@ pub(super) fn heard_best<'a>(
             let near = c.search.resolution.0 + MATCH_TOLERANCE * frequency.0;
             c.best.as_ref().is_some_and(|b| (b.frequency.0 - frequency.0).abs() <= near)
         })
+        .filter(|c| !candidate.outdoes_events_at(c.search))
         .max_by(|a, b| a.line_power().total_cmp(&b.line_power()))
         .map_or(candidate.search, |c| c.search)
 }

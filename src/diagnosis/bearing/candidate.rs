@@ -24,6 +24,9 @@ const SMOOTH_POWER: f64 = 0.1;
 /// Bands whose widths differ by less than this factor are of one kind.
 const ALIKE: f64 = 1.2;
 
+/// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
+const OUTDOES: f64 = 2.0;
+
 /// Ways to be proven, each of which may err.
 const N_WAYS: f64 = 2.0;
 
@@ -251,6 +254,21 @@ impl<'a> Candidate<'a> {
                 && a.owners.iter().all(|s| s.bearing != self.search.bearing)
                 && a.heard.0 != self.search.channel;
             elsewhere && a.heard.1 >= OVERHEARD_POWER * self.line_power()
+        })
+    }
+
+    /// Whether this line of the turning race, no side line itself, stands higher over the shaft's events here than in the same band of
+    /// `other`, where they explain it (C35): what comes from there brings the events along, and cannot be what is heard here.
+    pub(super) fn outdoes_events_at(&self, other: &LineSearch) -> bool {
+        let Some(here) = self.best.as_ref().filter(|b| b.stands_over_passing()) else {
+            return false;
+        };
+        let readings = other.outcome.as_deref().unwrap_or(&[]);
+        let there = readings.iter().find(|r| r.band == here.band);
+        there.is_some_and(|there| {
+            there.is_modulated_shaft()
+                && !here.is_modulated_shaft()
+                && here.over_events() >= OUTDOES * there.over_events()
         })
     }
 

@@ -175,7 +175,7 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
 fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let side = line.best.as_ref().and_then(|best| best.side_band);
     let bearing = seen.context.machine.bearing(line.search.bearing);
-    line.search.line != grown::of_turning_race(bearing)
+    line.search.line != DefectLine::of_turning_race(bearing.rotating_ring)
         && line.search.line != DefectLine::TwoBsf
         && side
             .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
@@ -192,7 +192,7 @@ fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let bearing = seen.context.machine.bearing(line.search.bearing);
     let is_race = matches!(line.search.line, DefectLine::Bpfi | DefectLine::Bpfo);
     is_race
-        && line.search.line != grown::of_turning_race(bearing)
+        && line.search.line != DefectLine::of_turning_race(bearing.rotating_ring)
         && candidate::is_of_tone(&everywhere(line, seen, |s| {
             Candidate::weigh(s, seen.accepted, 1.0)
         }))

@@ -187,6 +187,37 @@ fn a_line_heard_best_where_the_shaft_explains_it_is_nobodys_and_leaves_its_beari
 }
 
 #[test]
+fn a_line_higher_over_the_shafts_events_than_where_they_explain_it_is_its_own() {
+    // Depth 0.6 at a; at b the same with five times the power between harmonics of the shaft of depth 1.5, and as deep a line
+    // at the rate at which elements pass the race at rest.
+    let judged = |shaft_depth: f64, passing: f64| {
+        let own = changed(search(0, DefectLine::Bpfi, 0.6), |reading| {
+            reading.shaft_depth = shaft_depth;
+            reading.passing_depth = Some(passing);
+        });
+        let louder = changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
+            reading.mean_square = 5.0;
+            reading.shaft_depth = 1.5;
+            reading.passing_depth = Some(0.6);
+        });
+        judged(vec![own, louder], Vec::new()).remove(0)
+    };
+    let own = judged(0.5, 0.2);
+    assert_eq!(
+        own.fault,
+        Some(FaultMode::InnerRace),
+        "1.2 over the events, 0.4 there: {}",
+        own.why
+    );
+    assert_eq!(judged(0.9, 0.2).state, State::Undetermined, "0.67 is less than twice 0.4");
+    assert_eq!(
+        judged(0.5, 0.4).state,
+        State::Undetermined,
+        "what the elements modulate may be as deep"
+    );
+}
+
+#[test]
 fn a_line_of_the_race_at_rest_that_turns_with_the_shaft_leaves_nothing_open() {
     let beside = |line: DefectLine, turns: bool| {
         let side_band = turns.then(|| harmonic(0.3));

@@ -14,8 +14,6 @@ use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::overall;
 use crate::machine::BearingIndex;
-use crate::machine::bearing::Bearing;
-use crate::machine::bearing::RotatingRing;
 use crate::units::Hz;
 
 /// Growth of the line's amplitude over the baseline that proves a defect: at least 180 was seen of a
@@ -132,14 +130,6 @@ pub(super) fn severity_of(ratio: f64) -> f64 {
     severity::of_ratio(ratio, GROWN_RATIO, DAMAGED_RATIO)
 }
 
-/// The line of a defect on the race that turns.
-pub(super) fn of_turning_race(bearing: &Bearing) -> DefectLine {
-    match bearing.rotating_ring {
-        RotatingRing::Inner => DefectLine::Bpfi,
-        RotatingRing::Outer => DefectLine::Bpfo,
-    }
-}
-
 /// Whether the line is that of the race that turns, of a bearing whose shaft moves more than it did (C9).
 fn is_loaded_by_the_shaft(
     line: &AbsoluteLine,
@@ -147,7 +137,8 @@ fn is_loaded_by_the_shaft(
     context: &Context<'_>,
 ) -> bool {
     let bearing = context.machine.bearing(line.bearing);
-    line.line == of_turning_race(bearing) && rotation::is_moved(bearing.shaft, features, context)
+    line.line == DefectLine::of_turning_race(bearing.rotating_ring)
+        && rotation::is_moved(bearing.shaft, features, context)
 }
 
 /// Ratio of a line's amplitude to its baseline, and the probability of that by chance; `None` if it is too small to

@@ -12,6 +12,7 @@ mod read;
 use super::bands::Band;
 use super::reach::searched_range;
 use crate::machine::BearingIndex;
+use crate::machine::bearing::RotatingRing;
 use crate::machine::uncertainty::OrderBands;
 use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
@@ -40,6 +41,24 @@ pub enum DefectLine {
 impl DefectLine {
     /// All lines, in the order they are searched.
     pub const ALL: [Self; 4] = [Self::Bpfi, Self::Bpfo, Self::TwoBsf, Self::Ftf];
+
+    /// The line of a defect on the race that turns with this ring.
+    #[must_use]
+    pub fn of_turning_race(ring: RotatingRing) -> Self {
+        match ring {
+            RotatingRing::Inner => Self::Bpfi,
+            RotatingRing::Outer => Self::Bpfo,
+        }
+    }
+
+    /// The line of a defect on the race at rest while this ring turns.
+    #[must_use]
+    pub fn of_race_at_rest(ring: RotatingRing) -> Self {
+        match ring {
+            RotatingRing::Inner => Self::Bpfo,
+            RotatingRing::Outer => Self::Bpfi,
+        }
+    }
 
     /// The field's name.
     #[must_use]
@@ -111,10 +130,12 @@ pub struct BandReading {
     pub side_band: Option<Harmonic>,
     /// Depth of the deeper of the two shaft harmonics around the fundamental; 0 if neither can be read.
     pub shaft_depth: f64,
+    /// Of the line of the turning race: depth at the rate at which elements pass the race at rest; `None` of other lines.
+    pub passing_depth: Option<f64>,
     /// A slower rate whose harmonic the line is: what is struck at that rate has lines at every multiple.
     pub slower: Option<Hz>,
-    /// Whether a race at rest shows stronger side bands at the shaft's speed than full modulation makes: then the
-    /// events are the shaft's, and passing elements modulate them.
+    /// Whether a race at rest or a rolling element shows stronger side bands at the shaft's speed than full modulation makes:
+    /// then the events are the shaft's, and passing elements modulate them.
     pub is_shaft_product: bool,
     /// A tone that carries most of the band's energy and is none of the line's multiples: what is read then is
     /// that tone's modulation, not impacts.
@@ -125,6 +146,10 @@ pub struct BandReading {
 
 /// A harmonic modulated in full has side lines of half its height: cos a·(1 + cos b).
 const FULL_MODULATION: f64 = 0.5;
+
+/// The elements are taken to modulate this much deeper than the line at their rate says (6 dB): other lines may
+/// stand at the same place and against it.
+const PASSING_MARGIN: f64 = 2.0;
 
 impl BandReading {
     /// For tests: harmonics at `frequency` in `band`, with nothing else to explain them.
@@ -138,6 +163,7 @@ impl BandReading {
             harmonics: read,
             side_band: None,
             shaft_depth: 0.0,
+            passing_depth: None,
             slower: None,
             is_shaft_product: false,
             carrier: None,
@@ -147,10 +173,27 @@ impl BandReading {
 
     /// Whether the fundamental may be a side line of what happens once a revolution (F12): events of
     /// the shaft that passing elements modulate have lines k·f ± BPFO, one of which is BPFI, and none
-    /// higher than half the shaft's harmonics beside it. A defect's own impacts stand over them.
+    /// higher than half the shaft's harmonics beside it, times the depth at BPFO itself, which shows how
+    /// far the elements modulate. A defect's own impacts stand over them.
     #[must_use]
     pub fn is_modulated_shaft(&self) -> bool {
-        self.harmonics[0].is_some_and(|h| h.depth <= FULL_MODULATION * self.shaft_depth)
+        let modulation = self.passing_depth.map_or(1.0, |depth| (PASSING_MARGIN * depth).min(1.0));
+        self.harmonics[0]
+            .is_some_and(|h| h.depth <= FULL_MODULATION * self.shaft_depth * modulation)
+    }
+
+    /// Whether this line of the turning race is higher than any side line of events that elements modulate which pass the race at
+    /// rest: with harmonics of twice the mean at most, none is higher than the depth at the elements' own rate.
+    #[must_use]
+    pub fn stands_over_passing(&self) -> bool {
+        let depth = self.harmonics[0].map_or(0.0, |h| h.depth);
+        self.passing_depth.is_some_and(|passing| depth > PASSING_MARGIN * passing)
+    }
+
+    /// Depth of the fundamental over that of the shaft's events around it; infinite where there are none.
+    #[must_use]
+    pub fn over_events(&self) -> f64 {
+        self.harmonics[0].map_or(0.0, |h| h.depth / self.shaft_depth)
     }
 
     /// Whether something else than a defect explains the fundamental: the shaft's events, strikes at a
@@ -258,6 +301,9 @@ pub struct LineTask<'a> {
     pub side_band_spacing: Hz,
     /// Whether it is the line of the race that does not turn.
     pub is_at_rest: bool,
+    /// Of the line of the race that turns: the sum of both races' rates. What the line lacks to it is the rate at which
+    /// elements pass the race at rest.
+    pub sum_of_races: Option<Hz>,
     /// Speed of the bearing's shaft.
     pub shaft_speed: Hz,
     /// Lines to keep clear of.

@@ -69,16 +69,18 @@ pub fn read_line(
         }
     }
     let frequency = sums.0 / sums.1 * spectrum.bin_hz;
-    let side_band = side_band(spectrum, task, frequency, scratch);
+    let side_band = side_band(spectrum, task, (frequency, task.side_band_spacing), scratch);
+    let is_shaft_product =
+        is_shaft_product(spectrum, task, (frequency, fundamental.depth), side_band, scratch);
     let slower = slower_rate(spectrum, task, (frequency, fundamental.depth), scratch);
     Some(BandReading {
         band,
         frequency: Hz(frequency),
         harmonics,
         side_band,
-        is_shaft_product: task.is_at_rest
-            && side_band.is_some_and(|side| side.depth > FULL_MODULATION * fundamental.depth),
+        is_shaft_product,
         shaft_depth: shaft_depth(spectrum, task, frequency),
+        passing_depth: task.sum_of_races.map(|sum| depth_at(spectrum, sum.0 - frequency)),
         slower,
         carrier: spectrum.tone.filter(|t| !carrier::is_own(*t, Hz(frequency), band)),
         mean_square: spectrum.mean_square,
@@ -91,17 +93,35 @@ fn searched_cells(first: usize, last: usize, spectrum: &DepthSpectrum<'_>) -> f6
     (last - first) as f64 * spectrum.bin_hz * spectrum.duration_s + 2.0
 }
 
-/// Reads the stronger of the side bands at ± spacing around `frequency_hz`.
+/// Whether a line of the race at rest or of a rolling element has higher side bands at the shaft's speed than full
+/// modulation makes (F12). `side_band_read`: those at its own spacing, for a race the shaft's speed.
+fn is_shaft_product(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    (frequency_hz, depth): (f64, f64),
+    side_band_read: Option<Harmonic>,
+    scratch: &mut Vec<f32>,
+) -> bool {
+    let at_shaft = match task.line {
+        DefectLine::TwoBsf => side_band(spectrum, task, (frequency_hz, task.shaft_speed), scratch),
+        DefectLine::Bpfi | DefectLine::Bpfo | DefectLine::Ftf => {
+            side_band_read.filter(|_| task.is_at_rest)
+        }
+    };
+    at_shaft.is_some_and(|side| side.depth > FULL_MODULATION * depth)
+}
+
+/// Reads the stronger of the side bands at ± spacing around a frequency.
 fn side_band(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
-    frequency_hz: f64,
+    (frequency_hz, spacing): (f64, Hz),
     scratch: &mut Vec<f32>,
 ) -> Option<Harmonic> {
     [-1.0, 1.0]
         .iter()
         .filter_map(|sign| {
-            let centre = bin_at(frequency_hz + sign * task.side_band_spacing.0, spectrum.bin_hz);
+            let centre = bin_at(frequency_hz + sign * spacing.0, spectrum.bin_hz);
             let at = strongest(spectrum, task, centre.saturating_sub(1), centre + 1)?;
             measure(spectrum, task, at, 4.0, scratch)
         })
@@ -123,6 +143,13 @@ const MULTIPLE_TOLERANCE: f64 = 0.6;
 /// moves a line and its multiple by different parts of their smeared widths.
 const WANDER: f64 = 3e-3;
 
+/// Part of the power nearby that the main lobe of a sharp line holds: at least; a line that wanders over twice its lobe's
+/// width has half of it outside.
+const SHARP: f64 = 0.8;
+
+/// Half width of a Hann main lobe, steps of 1/T.
+const HANN_LOBE: f64 = 2.0;
+
 /// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
 /// least half as deep. Half the rate of a rolling element's line is its own: one race struck.
 fn slower_rate(
@@ -131,7 +158,8 @@ fn slower_rate(
     (frequency_hz, depth): (f64, f64),
     scratch: &mut Vec<f32>,
 ) -> Option<Hz> {
-    let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(WANDER * frequency_hz);
+    let wander = if is_sharp(spectrum, frequency_hz) { 0.0 } else { WANDER };
+    let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(wander * frequency_hz);
     let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
     (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
         let centre = bin_at(frequency_hz / multiple, spectrum.bin_hz);
@@ -144,6 +172,20 @@ fn slower_rate(
         let found = measure(spectrum, task, at, 3.0, scratch).filter(|_| is_equal)?;
         (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
     })
+}
+
+/// Whether the main lobe at `frequency_hz` holds most of the power as far around it as a line may wander: then it has not
+/// wandered, and neither has what it is a multiple of.
+fn is_sharp(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> bool {
+    let lobe_hz = HANN_LOBE / spectrum.duration_s;
+    let power_within = |reach_hz: f64| -> f64 {
+        let bins = bin_at(frequency_hz - reach_hz, spectrum.bin_hz)
+            ..=bin_at(frequency_hz + reach_hz, spectrum.bin_hz);
+        let depths = spectrum.depth.get(bins).unwrap_or_default();
+        depths.iter().map(|d| f64::from(*d).powi(2)).sum()
+    };
+    let reach_hz = WANDER * frequency_hz;
+    reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
 }
 
 /// Strongest local maximum among `bins`: a bin beside a higher one is the skirt of another line.
@@ -170,14 +212,16 @@ fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: 
     [below, below + speed_hz]
         .iter()
         .filter(|f| **f > 0.0 && (**f - frequency_hz).abs() > 2.0 * task.resolution.0)
-        .map(|f| {
-            let centre = bin_at(*f, spectrum.bin_hz);
-            let near =
-                (centre.saturating_sub(1)..=centre + 1).filter(|k| *k < spectrum.depth.len());
-            let highest = near.max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]));
-            highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
-        })
+        .map(|f| depth_at(spectrum, *f))
         .fold(0.0, f64::max)
+}
+
+/// Depth of the highest of three bins at a known place.
+fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> f64 {
+    let centre = bin_at(frequency_hz.max(0.0), spectrum.bin_hz);
+    let near = (centre.saturating_sub(1)..=centre + 1).filter(|k| *k < spectrum.depth.len());
+    let highest = near.max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]));
+    highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
 }
 
 /// Strongest local maximum of `first..=last` that no known line covers: what rises towards a bin

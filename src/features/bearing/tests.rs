@@ -35,6 +35,7 @@ fn task(known: &[KnownLine]) -> LineTask<'_> {
         band: RelativeBand::default(),
         side_band_spacing: Hz(25.0),
         is_at_rest: false,
+        sum_of_races: None,
         shaft_speed: Hz(28.0),
         known,
         resolution: Hz(0.2),
@@ -75,6 +76,23 @@ fn a_side_line_of_shaft_events_is_told_from_a_line_of_its_own() {
     let spectrum = of_ten_seconds(&depth);
     let reading = read_line(&spectrum, BAND, &near, &mut Vec::new()).unwrap();
     assert!(reading.shaft_depth < 0.4 && !reading.is_modulated_shaft());
+}
+
+#[test]
+fn a_turning_race_shows_more_than_the_elements_modulate() {
+    // Shaft harmonics of depth 0.6 and a line at 98.9, of 209.1 + 98.9 = 11·28: elements pass the race at rest at 209.1 Hz.
+    let modulated = |passing: f32, sum_of_races: Option<Hz>| {
+        let mut depth = spectrum_with(28.0, &[0.6; 8], 0.05);
+        depth[1978] = 0.25;
+        depth[4182] = passing;
+        let spectrum = of_ten_seconds(&depth);
+        let task = LineTask { sum_of_races, ..task(&[]) };
+        read_line(&spectrum, BAND, &task, &mut Vec::new()).unwrap().is_modulated_shaft()
+    };
+    let both = Some(Hz(11.0 * 28.0));
+    assert!(modulated(0.5, both), "½·0.6·min(1, 2·0.5) = 0.3");
+    assert!(!modulated(0.2, both), "½·0.6·0.4 = 0.12: no side line is as high");
+    assert!(modulated(0.2, None), "of other lines full modulation is allowed for");
 }
 
 #[test]
@@ -175,6 +193,19 @@ fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
 }
 
 #[test]
+fn a_line_that_stands_beside_every_harmonic_of_the_shaft_is_no_rolling_elements() {
+    // 2·BSF at 100 Hz with FTF of 10 Hz: as high a line at 72 Hz, a shaft's speed of 28 Hz below, or one at 90 Hz.
+    let product = |beside_hz: f64| {
+        let depth = spectrum_of(&[(100.0, 0.6), (200.0, 0.3), (beside_hz, 0.5)], 0.05);
+        let side_band_spacing = Hz(10.0);
+        let task = LineTask { line: DefectLine::TwoBsf, side_band_spacing, ..task(&[]) };
+        let reading = read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap();
+        reading.is_shaft_product
+    };
+    assert!(product(72.0) && !product(90.0));
+}
+
+#[test]
 fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
     let own = (98.9, 0.5);
     assert_eq!(slower(&[own], DefectLine::Bpfo), None);
@@ -184,6 +215,8 @@ fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
     // Less than half as high; or off by more than a speed wanders: 3·33.1 = 99.3 is 0.4 % off.
     assert_eq!(slower(&[own, (32.967, 0.2)], DefectLine::Bpfo), None);
     assert_eq!(slower(&[own, (33.1, 0.6)], DefectLine::Bpfo), None);
+    // A sharp line is a multiple only of what meets it: 3·32.9 = 98.7 is 0.2 % off.
+    assert_eq!(slower(&[own, (32.9, 0.5)], DefectLine::Bpfo), None);
     // One race struck: half the rate of a rolling element's line is its own.
     let half = [own, (49.45, 0.5)];
     assert!(
