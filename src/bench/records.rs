@@ -26,16 +26,43 @@ impl<'a> Exact<'a> {
     /// Follows `seconds`, looks every `grid_s`.
     #[must_use]
     pub fn new(setting: &'a Setting, grid_s: f64, seconds: f64, tolerance: f64) -> Self {
+        Self::follow(setting, grid_s, seconds, (tolerance, u64::MAX)).0
+    }
+
+    /// The same with so many evaluations of the forces at most, about: `None` if they do not reach to the end.
+    #[must_use]
+    pub fn within(
+        setting: &'a Setting,
+        grid_s: f64,
+        seconds: f64,
+        (tolerance, max_forces): (f64, u64),
+    ) -> Option<Self> {
+        let (exact, is_whole) = Self::follow(setting, grid_s, seconds, (tolerance, max_forces));
+        is_whole.then_some(exact)
+    }
+
+    /// As far as the forces may be evaluated, and whether that is all.
+    fn follow(
+        setting: &'a Setting,
+        grid_s: f64,
+        seconds: f64,
+        (tolerance, max_forces): (f64, u64),
+    ) -> (Self, bool) {
         let mut reference = setting.reference(grid_s, tolerance);
         let watches: Vec<&Watch> = setting.bearings.iter().chain(&setting.sensors).collect();
         let mut values = vec![Vec::new(); watches.len()];
+        let mut is_whole = true;
         for _ in 0..steps(seconds, grid_s) {
+            if reference.n_forces() > max_forces {
+                is_whole = false;
+                break;
+            }
             reference.step();
             for (list, watch) in values.iter_mut().zip(&watches) {
                 list.push(reference.observe(watch));
             }
         }
-        Self { setting, grid_s, values }
+        (Self { setting, grid_s, values }, is_whole)
     }
 
     /// The record that a run in steps of this length should give.

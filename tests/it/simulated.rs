@@ -306,7 +306,8 @@ fn a_scene_too_dear_for_real_time_lags_says_so_and_spoils_no_other() {
     let daemon = Daemon::start_in(dir);
     let behind = || (simulation(&daemon, "rig-2")["keeps_pace"] == false).then_some(());
     support::wait_until("the lag", behind);
-    assert_eq!(daemon.source_of("rig-2"), "running");
+    let runs = || (daemon.source_of("rig-2") == "running").then_some(());
+    support::wait_until("its first samples", runs);
     assert_eq!(simulation(&daemon, "rig-1")["keeps_pace"], true);
     let bent = json!({ "machine": "rig-1", "scenario": "GG_BS_GB" });
     assert_eq!(daemon.post_json(PATH, &bent).0, 200);

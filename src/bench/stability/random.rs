@@ -26,13 +26,21 @@ const MAX_COMPARED_STEPS: f64 = 5000.0;
 
 /// What came of a scene.
 enum Outcome {
-    /// It ran; growth of its free motion, and error in units of the accuracy asked for, where they were looked
-    /// for.
-    Ran { growth: Option<f64>, error: Option<f64> },
+    /// It ran; growth of its free motion, and what came of the comparison, where they were looked for.
+    Ran { growth: Option<f64>, error: Option<Compared> },
     /// It was refused, with a reason.
     Refused,
     /// It failed.
     Failed(String),
+}
+
+/// What came of a comparison.
+#[derive(Clone, Copy)]
+enum Compared {
+    /// Error in units of the accuracy asked for.
+    Error(f64),
+    /// The reference needs too much to follow such a motion.
+    TooDear,
 }
 
 /// What came of a class.
@@ -44,6 +52,7 @@ struct Tally {
     n_grown: usize,
     growth: f64,
     n_compared: usize,
+    n_too_dear: usize,
     error: f64,
 }
 
@@ -95,9 +104,13 @@ pub fn scenes(search: &Search) -> Result<Vec<Row>, BenchError> {
                     tally.n_grown += 1;
                     tally.growth = tally.growth.max(growth);
                 }
-                if let Some(error) = error {
-                    tally.n_compared += 1;
-                    tally.error = tally.error.max(error);
+                match error {
+                    Some(Compared::Error(error)) => {
+                        tally.n_compared += 1;
+                        tally.error = tally.error.max(error);
+                    }
+                    Some(Compared::TooDear) => tally.n_too_dear += 1,
+                    None => {}
                 }
                 if let Some(miss) = missed(growth, error).filter(|_| rows.len() < 20) {
                     rows.push(failure(number, class, miss));
@@ -122,9 +135,12 @@ pub fn scenes(search: &Search) -> Result<Vec<Row>, BenchError> {
 const GROWTH: f64 = 2.0;
 const ERROR: f64 = 10.0;
 
-fn missed(growth: Option<f64>, error: Option<f64>) -> Option<String> {
+fn missed(growth: Option<f64>, error: Option<Compared>) -> Option<String> {
     let growth = growth.filter(|growth| *growth > GROWTH);
-    let error = error.filter(|error| *error > ERROR);
+    let error = match error {
+        Some(Compared::Error(error)) => Some(error).filter(|error| *error > ERROR),
+        Some(Compared::TooDear) | None => None,
+    };
     growth
         .map(|growth| format!("grows {growth:.3e}"))
         .or(error.map(|error| format!("errs {error:.3e} times the accuracy")))
@@ -138,7 +154,8 @@ fn failure(number: u64, class: Class, why: String) -> Row {
 }
 
 fn summary(class: Class, tally: &Tally) -> Vec<Row> {
-    let Tally { n_ran, n_refused, n_failed, n_grown, growth, n_compared, error } = tally;
+    let Tally { n_ran, n_refused, n_failed, n_grown, growth, n_compared, n_too_dear, error } =
+        tally;
     let n = n_ran + n_refused + n_failed;
     if n == 0 {
         return Vec::new();
@@ -157,7 +174,10 @@ fn summary(class: Class, tally: &Tally) -> Vec<Row> {
         );
     }
     if *n_compared > 0 {
-        let parameters = format!("{}: {n_compared} compared", class.name());
+        let mut parameters = format!("{}: {n_compared} compared", class.name());
+        if *n_too_dear > 0 {
+            parameters.push_str(&format!(", {n_too_dear} out of the reference's reach"));
+        }
         rows.push(
             Row::below("scenes at random: error", parameters, *error, ERROR)
                 .in_terms_of("error ÷ accuracy asked for")
@@ -239,16 +259,22 @@ fn growth(scene: &Scene) -> Option<f64> {
     (first > 1e-9 * largest).then(|| last / first)
 }
 
-/// Largest error of the bearings' motion, in units of the accuracy asked for.
-fn error(scene: &Scene, step_s: f64, cuts: bool) -> Option<f64> {
+/// Evaluations of the forces that a reference may need: some seconds. Contacts that strike a thousand times in the record would take it an hour.
+const MAX_FORCES: u64 = 2_000_000;
+
+/// Largest error of the bearings' motion; `None` where nothing moves, or the steps are too short.
+fn error(scene: &Scene, step_s: f64, cuts: bool) -> Option<Compared> {
     let setting = Setting::new(scene).ok()?;
     if COMPARED_S / step_s > MAX_COMPARED_STEPS {
         return None;
     }
     let found = ported(&setting, step_s, COMPARED_S, cuts)?;
-    let exact = Exact::new(&setting, step_s, COMPARED_S, 1e-11).at(step_s);
+    let Some(exact) = Exact::within(&setting, step_s, COMPARED_S, (1e-11, MAX_FORCES)) else {
+        return Some(Compared::TooDear);
+    };
+    let exact = exact.at(step_s);
     let moves = |list: &[f64]| list.iter().any(|x| *x != 0.0);
     let moving = exact.bearings.iter().zip(&found.bearings).filter(|(exact, _)| moves(exact));
     let (exact, found): (Vec<_>, Vec<_>) = moving.map(|(a, b)| (a.clone(), b.clone())).unzip();
-    (!exact.is_empty()).then(|| worst(&found, &exact) / scene.accuracy)
+    (!exact.is_empty()).then(|| Compared::Error(worst(&found, &exact) / scene.accuracy))
 }
