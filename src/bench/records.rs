@@ -1,6 +1,7 @@
 //! Errors of time integration: a motion in steps against the reference of the same scene.
 
 use crate::simulator::ports::{PortRun, Sensed};
+use crate::simulator::reference::Reference;
 use crate::simulator::reference::scene::Setting;
 use crate::simulator::run::{Run, Watch};
 
@@ -26,10 +27,10 @@ impl<'a> Exact<'a> {
     /// Follows `seconds`, looks every `grid_s`.
     #[must_use]
     pub fn new(setting: &'a Setting, grid_s: f64, seconds: f64, tolerance: f64) -> Self {
-        Self::follow(setting, grid_s, seconds, (tolerance, u64::MAX)).0
+        Self::follow(setting.reference(grid_s, tolerance), setting, grid_s, seconds)
     }
 
-    /// The same with so many evaluations of the forces at most, about: `None` if they do not reach to the end.
+    /// The same with so many evaluations of the forces at most: `None` if they do not reach to the end.
     #[must_use]
     pub fn within(
         setting: &'a Setting,
@@ -37,32 +38,30 @@ impl<'a> Exact<'a> {
         seconds: f64,
         (tolerance, max_forces): (f64, u64),
     ) -> Option<Self> {
-        let (exact, is_whole) = Self::follow(setting, grid_s, seconds, (tolerance, max_forces));
-        is_whole.then_some(exact)
+        let reference = setting.reference(grid_s, tolerance).within(max_forces);
+        let exact = Self::follow(reference, setting, grid_s, seconds);
+        (exact.n_steps() == steps(seconds, grid_s)).then_some(exact)
     }
 
-    /// As far as the forces may be evaluated, and whether that is all.
-    fn follow(
-        setting: &'a Setting,
-        grid_s: f64,
-        seconds: f64,
-        (tolerance, max_forces): (f64, u64),
-    ) -> (Self, bool) {
-        let mut reference = setting.reference(grid_s, tolerance);
+    /// Follows as far as the reference goes.
+    fn follow(mut reference: Reference, setting: &'a Setting, grid_s: f64, seconds: f64) -> Self {
         let watches: Vec<&Watch> = setting.bearings.iter().chain(&setting.sensors).collect();
         let mut values = vec![Vec::new(); watches.len()];
-        let mut is_whole = true;
         for _ in 0..steps(seconds, grid_s) {
-            if reference.n_forces() > max_forces {
-                is_whole = false;
+            reference.step();
+            if reference.is_spent() {
                 break;
             }
-            reference.step();
             for (list, watch) in values.iter_mut().zip(&watches) {
                 list.push(reference.observe(watch));
             }
         }
-        (Self { setting, grid_s, values }, is_whole)
+        Self { setting, grid_s, values }
+    }
+
+    /// Steps of the grid that were followed.
+    fn n_steps(&self) -> usize {
+        self.values.first().map_or(0, Vec::len)
     }
 
     /// The record that a run in steps of this length should give.

@@ -173,7 +173,7 @@ fn summary(class: Class, tally: &Tally) -> Vec<Row> {
                 .because("beats of two equal modes; what grows does so by orders"),
         );
     }
-    if *n_compared > 0 {
+    if *n_compared + *n_too_dear > 0 {
         let mut parameters = format!("{}: {n_compared} compared", class.name());
         if *n_too_dear > 0 {
             parameters.push_str(&format!(", {n_too_dear} out of the reference's reach"));
@@ -260,7 +260,7 @@ fn growth(scene: &Scene) -> Option<f64> {
 }
 
 /// Evaluations of the forces that a reference may need: some seconds. Contacts that strike a thousand times in the record would take it an hour.
-const MAX_FORCES: u64 = 2_000_000;
+const MAX_FORCES: u64 = 10_000_000;
 
 /// Largest error of the bearings' motion; `None` where nothing moves, or the steps are too short.
 fn error(scene: &Scene, step_s: f64, cuts: bool) -> Option<Compared> {

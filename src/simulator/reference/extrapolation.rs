@@ -41,6 +41,8 @@ pub struct Extrapolation {
     /// The last row of the table.
     row: Vec<Vec<f64>>,
     n_forces: u64,
+    /// Evaluations of the load after which nothing is carried further.
+    max_forces: u64,
 }
 
 impl Extrapolation {
@@ -67,10 +69,23 @@ impl Extrapolation {
             slope_newer: zero(),
             row: (0..COLUMNS).map(|_| zero()).collect(),
             n_forces: 0,
+            max_forces: u64::MAX,
         }
     }
 
-    /// Carries `q` and `v` from one time to another.
+    /// The same, which gives up after so many evaluations of the load: see [`Self::is_spent`].
+    #[must_use]
+    pub fn within(self, max_forces: u64) -> Self {
+        Self { max_forces, ..self }
+    }
+
+    /// Whether it has given up: where it was to carry the state it did not come.
+    #[must_use]
+    pub fn is_spent(&self) -> bool {
+        self.n_forces > self.max_forces
+    }
+
+    /// Carries `q` and `v` from one time to another, or as far as it may ([`Self::within`]).
     ///
     /// # Panics
     ///
@@ -89,7 +104,7 @@ impl Extrapolation {
         self.state[n..].copy_from_slice(v);
         let mut at_s = from_s;
         let mut has_slope = false;
-        while at_s < to_s {
+        while at_s < to_s && !self.is_spent() {
             let left_s = to_s - at_s;
             // Two like steps rather than a long and a very short one.
             let step_s = match self.suggested_s {

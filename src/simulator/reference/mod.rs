@@ -128,6 +128,19 @@ impl Reference {
         (&self.q, &self.v)
     }
 
+    /// The same, which gives up after so many evaluations of the load, in the middle of a step if need be.
+    #[must_use]
+    pub fn within(mut self, max_forces: u64) -> Self {
+        self.plan = self.plan.within(max_forces);
+        self
+    }
+
+    /// Whether it has given up: what is observed then means nothing.
+    #[must_use]
+    pub fn is_spent(&self) -> bool {
+        self.plan.is_spent()
+    }
+
     /// Evaluations of the load so far.
     #[must_use]
     pub fn n_forces(&self) -> u64 {

@@ -47,6 +47,22 @@ fn a_free_damped_oscillator_is_the_closed_form() {
 }
 
 #[test]
+fn what_may_evaluate_so_often_gives_up_and_says_so() {
+    let after = |max_forces: u64| {
+        let mut plan = one(300.0, 0.0, 1e-12).within(max_forces);
+        let mut none = Function(|_, _: &[f64], _: &[f64], out: &mut [f64]| out[0] = 0.0);
+        let (mut q, mut v) = ([1.0_f64], [0.0_f64]);
+        plan.carry(&mut none, (0.0, 1.0), &mut q, &mut v);
+        (plan.is_spent(), plan.n_forces())
+    };
+    let (is_spent, whole) = after(u64::MAX);
+    assert!(!is_spent && whole > 2000, "300 rad in steps of some: {whole}");
+    let (is_spent, n_forces) = after(1000);
+    // One step more than allowed at most: 12 columns hold 156 midpoints.
+    assert!(is_spent && n_forces <= 1000 + 157, "{n_forces}");
+}
+
+#[test]
 fn a_stiffening_spring_keeps_its_energy_and_its_period() {
     // q̈ + ω²·q + c·q³ = 0 from rest at a: T = 4·K(m)/√(ω² + c·a²), m = c·a²/(2·(ω² + c·a²)).
     let (omega, cubic, a) = (300.0_f64, 4e5, 0.7);
