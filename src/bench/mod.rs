@@ -2,12 +2,13 @@
 //! the simulator's hard cases against what is known of them, and the whole pipeline.
 //!
 //! `simulator`, `stability`, `signal` and `monitor` compute rows and hand each on as it is done; `table` and `crate::plot` word
-//! them. `records` compares motions, `scenes` has what they are compared on; tests use both. Reads the processor's
+//! them. `gaps` says how far results are apart, `records` compares motions, `scenes` has what they are compared on; tests use both. Reads the processor's
 //! clock, writes no files. Must not know the command line.
 
 pub mod computer;
 pub mod table;
 pub mod scenes;
+pub mod gaps;
 pub mod records;
 pub mod simulator;
 pub mod stability;

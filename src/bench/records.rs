@@ -1,5 +1,6 @@
 //! Errors of time integration: a motion in steps against the reference of the same scene.
 
+use super::gaps::{largest, relative};
 use crate::simulator::ports::{PortRun, Sensed};
 use crate::simulator::reference::Reference;
 use crate::simulator::reference::scene::Setting;
@@ -138,7 +139,7 @@ pub fn steps(seconds: f64, step_s: f64) -> usize {
     n
 }
 
-/// Largest difference in a list of channels, each relative to the reference's largest value there.
+/// Largest difference in a list of channels, each relative to the reference's largest value there ([`relative`]).
 /// A channel that does not move in the reference must not move.
 ///
 /// # Panics
@@ -146,13 +147,7 @@ pub fn steps(seconds: f64, step_s: f64) -> usize {
 /// If channels differ in length.
 #[must_use]
 pub fn worst(found: &[Vec<f64>], exact: &[Vec<f64>]) -> f64 {
-    let of_channel = |(found, exact): (&Vec<f64>, &Vec<f64>)| {
-        assert_eq!(found.len(), exact.len());
-        let largest = exact.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        let gap = found.iter().zip(exact).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
-        gap / largest
-    };
-    found.iter().zip(exact).map(of_channel).fold(0.0, f64::max)
+    largest(found.iter().zip(exact).map(|(found, exact)| relative(found, exact)))
 }
 
 /// The accelerations of the right bearing from its displacement, each a mean over two steps: points of

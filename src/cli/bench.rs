@@ -38,7 +38,7 @@ Examples:
 simulator: error and processor time of classes of scenes at several accuracies asked for; of several methods and
 steps, with what is chosen among them; of numbers of shapes; and what a scene saves that lacks a part (minutes).
 stability: hard cases against what is known of them, then 10 000 scenes and 2000 signals at random, and both ends of every
-number of a file (an hour on two processors); --scenes 1 --first-seed N has one scene again, and with
+number of a file (half an hour of processor time); --scenes 1 --first-seed N has one scene again, and with
 --out its file.
 signal: error and processor time of every transform in f32 and f64, and channels a core (a minute).
 monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory; then verdicts on trials with known answers

@@ -6,6 +6,7 @@ use super::Effort;
 use super::jobs::Job;
 use super::recording::{FS_HZ, SHAFT_HZ};
 use crate::bench::clock::Work;
+use crate::bench::gaps::relative;
 use crate::dsp::butterworth::{self, Pass};
 use crate::dsp::cepstrum::{CepstrumPlan, Kind};
 use crate::dsp::comb::{CombSpeedPlan, SpeedSearch, shaft_orders};
@@ -93,11 +94,9 @@ impl Job for Beside {
         let double = self.double.as_mut()?;
         double.call();
         let exact = double.shown();
-        let largest = exact.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         let found = self.own.shown();
-        let gaps = found.iter().zip(&exact).map(|(a, b)| (a - b).abs());
-        let gap = gaps.fold(0.0_f64, f64::max);
-        (found.len() == exact.len() && largest > 0.0).then(|| gap / largest)
+        let is_there = found.len() == exact.len() && exact.iter().any(|x| *x != 0.0);
+        is_there.then(|| relative(&found, &exact))
     }
 }
 

@@ -4,6 +4,7 @@
 use super::Rows;
 use super::rows::Row;
 use crate::bench::BenchError;
+use crate::bench::gaps::largest;
 use crate::bench::records::{Exact, Record, mean_accelerations, stepped, steps, worst};
 use crate::bench::scenes::{A3, D0, D3, Rig, bow_run_up};
 use crate::simulator::reference::scene::Setting;
@@ -90,7 +91,7 @@ fn at_rest(fit: &str) -> Result<(f64, f64), BenchError> {
         .zip(seen.chunks_exact(2))
         .map(|(seat, at)| seat.contacts.force(0.0, [at[0], at[1]], [0.0; 2])[1]);
     let lifted = lifted.sum();
-    Ok((lifted, run.state().1.iter().fold(0.0, |m: f64, v| m.max(v.abs()))))
+    Ok((lifted, largest(run.state().1.iter().copied())))
 }
 
 /// Every fit finds its rest under gravity.
@@ -135,14 +136,14 @@ fn line(x: &[f64], rate_hz: f64, frequency_hz: f64) -> f64 {
 ///
 /// [`BenchError`] when a scene cannot be built.
 pub fn truncated_basis() -> Rows {
-    let largest = |modes: &str| -> Result<f64, BenchError> {
+    let moved = |modes: &str| -> Result<f64, BenchError> {
         let rig = Rig { modes, defect: None, ..A3 };
         let record = stepped(&setting(&rig)?, 10e-6, 0.1, true);
-        Ok(record.bearings.iter().flatten().fold(0.0_f64, |m, x| m.max(x.abs())))
+        Ok(largest(record.bearings.iter().flatten().copied()))
     };
-    let whole = largest("count = 40\ndamping = 0.002")?;
-    let with = largest("count = 12\ndamping = 0.002")?;
-    let without = largest("count = 8\ndamping = 0.002\nattachment = false")?;
+    let whole = moved("count = 40\ndamping = 0.002")?;
+    let with = moved("count = 12\ndamping = 0.002")?;
+    let without = moved("count = 8\ndamping = 0.002\nattachment = false")?;
     let rows = vec![
         // The study's damping depends on a basis that it does not tell: 1 %.
         Row::new("truncated basis: m at a bearing", "12 + 2 shapes", 1.728e-7, with, 1.7e-9),

@@ -3,6 +3,7 @@
 use super::Search;
 use super::rows::Row;
 use crate::bench::BenchError;
+use crate::bench::gaps::{largest, relative};
 use crate::dsp::bilinear::kernel::Kernel;
 use crate::dsp::bilinear::{JointPlan, JointSpec};
 use crate::dsp::complex_cepstrum::ComplexCepstrumPlan;
@@ -123,17 +124,7 @@ struct Kind {
 
 /// Largest magnitude.
 fn top(list: &[f64]) -> f64 {
-    list.iter().fold(0.0, |a, b| a.max(b.abs()))
-}
-
-/// Largest difference over the largest of the second; 0 where that is 0.
-fn relative(found: &[f64], right: &[f64]) -> f64 {
-    let largest = top(right);
-    let gap = found.iter().zip(right).map(|(a, b)| {
-        let gap = (a - b).abs();
-        if gap.is_nan() { f64::INFINITY } else { gap }
-    });
-    if largest > 0.0 { gap.fold(0.0, f64::max) / largest } else { top(found) }
+    largest(list.iter().copied())
 }
 
 fn wide<T: Real>(list: &[T]) -> Vec<f64> {

@@ -236,8 +236,9 @@ impl Extrapolation {
         let parts = gap.iter().zip(size.iter().zip(self.largest)).map(|(gap, (size, largest))| {
             if *gap > 0.0 { gap / (self.tolerance * size.max(largest)) } else { 0.0 }
         });
-        let worst = parts.fold(0.0, f64::max);
-        if worst.is_finite() { worst } else { f64::INFINITY }
+        // A step that overflows has no error that is a number, and `max` would pass over it.
+        parts
+            .fold(0.0, |worst, part| if part.is_finite() { part.max(worst) } else { f64::INFINITY })
     }
 
     fn grow_largest(&mut self, column: usize) {

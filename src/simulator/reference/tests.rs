@@ -47,6 +47,20 @@ fn a_free_damped_oscillator_is_the_closed_form() {
 }
 
 #[test]
+fn a_damper_that_throws_the_first_step_beyond_all_numbers_is_followed() {
+    // 2ζω = 5e7/s: the midpoint rule of a whole step of 20 µs overflows, and the error of what overflowed is none.
+    let (omega, rate) = (300.0, 5e7);
+    let mut plan = one(omega, 0.5 * rate / omega, 1e-10);
+    let mut none = Function(|_, _: &[f64], _: &[f64], out: &mut [f64]| out[0] = 0.0);
+    let (mut q, mut v) = ([1.0_f64], [1e6_f64]);
+    plan.carry(&mut none, (0.0, 20e-6), &mut q, &mut v);
+    // The speed dies at once and leaves v₀/(2ζω); the spring is slow: q + q̇/(2ζω) falls with ω²/(2ζω).
+    let exact = (1.0 + 1e6 / rate) * (-omega * omega / rate * 20e-6).exp();
+    assert!((q[0] / exact - 1.0).abs() < 1e-8, "{} {exact}", q[0]);
+    assert!(v[0].abs() < 1.0, "{}", v[0]);
+}
+
+#[test]
 fn what_may_evaluate_so_often_gives_up_and_says_so() {
     let after = |max_forces: u64| {
         let mut plan = one(300.0, 0.0, 1e-12).within(max_forces);

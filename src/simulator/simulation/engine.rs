@@ -1,12 +1,12 @@
 //! What carries the motion of a scene on: the cheapest way that is open to it.
 
 use crate::simulator::build::Plan;
-use crate::simulator::linear::{LinearRun, LinearSystem};
+use crate::simulator::linear::{LinearRun, LinearSystem, Steady};
 use crate::simulator::model::Model;
 use crate::simulator::ports::{PortRun, Sensed};
 use crate::simulator::run::{Run, Watch};
 use crate::simulator::scene::{Scene, Start};
-use crate::simulator::simulation::step_choice::{self, Choice};
+use crate::simulator::simulation::step_choice::{self, Choice, Chosen};
 use std::f64::consts::TAU;
 
 /// Run-in of a scene with contacts that begins rotating: with raised damping, then with its own, s.
@@ -48,9 +48,14 @@ struct Begin<'a> {
     model: &'a Model,
     sensed: &'a [Sensed],
     plan: &'a Plan,
+    /// By how much the usual steps are too long for the motion: a power of two.
+    divisor: u32,
 }
 
 type State = (Vec<f64>, Vec<f64>);
+
+/// A motion that was begun, with the step chosen if there was a choice.
+type Begun = (Engine, Option<Choice>);
 
 /// Why a scene cannot be brought to time 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,23 +73,39 @@ const STABLE_S: f64 = 0.02;
 const STABLE: f64 = 0.5;
 
 impl Begin<'_> {
-    /// From sample `begin` of the fastest channel on, from rest or from the state given, with the step
-    /// that keeps the accuracy.
-    fn chosen(self, begin: i64, state: Option<State>) -> Result<(Engine, Option<Choice>), Refusal> {
-        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
-        let at = (self.plan.rate_hz, begin);
-        match step_choice::choose(self.scene, self.model, self.sensed, at, given) {
-            Some((_, choice)) if choice.error.is_nan() => Err(Refusal::TooFast),
-            Some((run, choice)) => {
-                let ported = Ported { run, every: choice.steps_per_sample };
-                Ok((Engine::Ported(Box::new(ported)), Some(choice)))
+    /// The motion at time 0 by the longest steps that follow it, from what `attempt` makes of a divisor of
+    /// the usual ones.
+    fn followed(
+        self,
+        attempt: impl Fn(Self) -> Result<Option<Begun>, Refusal>,
+    ) -> Result<Begun, Refusal> {
+        let mut begin = self;
+        while self.plan.step_s() >= step_choice::SHORTEST_S * f64::from(begin.divisor) {
+            if let Some(begun) = attempt(begin)? {
+                return Ok(begun);
             }
-            None => self.stable(begin, state),
+            begin.divisor *= 2;
+        }
+        Err(Refusal::TooFast)
+    }
+
+    /// From sample `begin` of the fastest channel on, from rest or from the state given, with the step
+    /// that keeps the accuracy; `None` if the longest does not follow the motion at all.
+    fn chosen(self, begin: i64, state: Option<State>) -> Result<Option<Begun>, Refusal> {
+        let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
+        let at = (self.plan.rate_hz, begin, self.divisor);
+        match step_choice::choose(self.scene, self.model, self.sensed, at, given) {
+            Some(Chosen::Lost) => Ok(None),
+            Some(Chosen::Run(run, choice)) => {
+                let ported = Ported { run: *run, every: choice.steps_per_sample };
+                Ok(Some((Engine::Ported(Box::new(ported)), Some(choice))))
+            }
+            None => self.stable(begin, state).map(Some),
         }
     }
 
     /// The general way with the plan's step, or the longest of its halves that stays a number.
-    fn stable(self, begin: i64, state: Option<State>) -> Result<(Engine, Option<Choice>), Refusal> {
+    fn stable(self, begin: i64, state: Option<State>) -> Result<Begun, Refusal> {
         let usual = self.plan.steps_per_sample;
         let step_s = |steps: u32| 1.0 / (self.plan.rate_hz * f64::from(steps));
         let mut steps = usual;
@@ -133,18 +154,39 @@ impl Begin<'_> {
         if size == 0.0 && gap == 0.0 { 0.0 } else { gap / size }
     }
 
-    /// The same with the step of the plan.
+    /// The same with the step of the plan, divided.
     fn planned(self, begin: i64, state: Option<State>) -> Result<Engine, Refusal> {
         let given = state.as_ref().map(|(q, v)| (&q[..], &v[..]));
-        let begin_step = begin * i64::from(self.plan.steps_per_sample);
-        let every = self.plan.steps_per_sample;
-        match PortRun::new(self.model, self.plan.step_s(), begin_step, given) {
+        let every = self.divisor * self.plan.steps_per_sample;
+        let step_s = 1.0 / (self.plan.rate_hz * f64::from(every));
+        match PortRun::new(self.model, step_s, begin * i64::from(every), given) {
             Some(run) => {
                 let run = run.watching(self.sensed, every);
                 Ok(Engine::Ported(Box::new(Ported { run, every })))
             }
             None => self.stable(begin, state).map(|(engine, _)| engine),
         }
+    }
+
+    /// From the linear system's steady motion through the run-in to time 0; `None` if the longest step
+    /// does not follow the motion at all.
+    fn run_in(self, (system, steady): (&LinearSystem, &Steady)) -> Result<Option<Begun>, Refusal> {
+        #[expect(clippy::cast_possible_truncation, reason = "ten thousands")]
+        let n_samples = |seconds: f64| (seconds * self.plan.rate_hz).round() as i64;
+        let mut relaxed = self.model.clone();
+        relaxed.damp_at_least(RUN_IN_DAMPING);
+        let (first, second) = (n_samples(RUN_IN_S.0), n_samples(RUN_IN_S.1));
+        let from = self.scene.speed.at(-(first + second) as f64 / self.plan.rate_hz);
+        let state = steady.at(system, from.angle_rad);
+        let run_in = Begin { model: &relaxed, sensed: &[], ..self };
+        let mut run_in = run_in.planned(-(first + second), Some(state))?;
+        run_in.fill(usize::try_from(first).unwrap_or(0), &mut []);
+        let Some((mut run, choice)) = self.chosen(-second, run_in.state())? else {
+            return Ok(None);
+        };
+        let n = usize::try_from(second).unwrap_or(0);
+        run.fill(n, &mut vec![Vec::new(); self.sensed.len()]);
+        Ok(Some((run, choice)))
     }
 
     fn general(self, (begin, steps): (i64, u32), state: Option<State>) -> Engine {
@@ -163,13 +205,13 @@ fn watches(sensed: &[Sensed]) -> Vec<Watch> {
 }
 
 impl Engine {
-    /// The motion at time 0, with the step chosen if there was a choice.
+    /// The motion at time 0.
     pub(super) fn new(
         scene: &Scene,
         model: &Model,
         plan: &Plan,
         sensed: &[Sensed],
-    ) -> Result<(Self, Option<Choice>), Refusal> {
+    ) -> Result<Begun, Refusal> {
         let at_start = scene.speed.at(0.0);
         if plan.is_linear {
             let speed_hz = at_start.speed_rad_per_s / TAU;
@@ -179,33 +221,21 @@ impl Engine {
             let run = run.ok_or(Refusal::NoSteady)?;
             return Ok((Self::Linear(Box::new(run)), None));
         }
-        let begin = Begin { scene, model, sensed, plan };
+        let begin = Begin { scene, model, sensed, plan, divisor: 1 };
         if scene.start == Start::Rest {
-            return begin.chosen(0, None);
+            return begin.followed(|begin| begin.chosen(0, None));
         }
         let system = LinearSystem::new(model, at_start.speed_rad_per_s);
         let steady = system.steady(model).ok_or(Refusal::NoSteady)?;
         if model.seats.is_empty() && model.gears.is_empty() {
             let state = steady.at(&system, at_start.angle_rad);
-            return begin.chosen(0, Some(state));
+            return begin.followed(|begin| begin.chosen(0, Some(state.clone())));
         }
-        #[expect(clippy::cast_possible_truncation, reason = "ten thousands")]
-        let n_samples = |seconds: f64| (seconds * plan.rate_hz).round() as i64;
-        let mut relaxed = model.clone();
-        relaxed.damp_at_least(RUN_IN_DAMPING);
-        let (first, second) = (n_samples(RUN_IN_S.0), n_samples(RUN_IN_S.1));
-        let from = scene.speed.at(-(first + second) as f64 / plan.rate_hz);
-        let state = steady.at(&system, from.angle_rad);
-        let run_in = Begin { model: &relaxed, sensed: &[], ..begin };
-        let mut run_in = run_in.planned(-(first + second), Some(state))?;
-        run_in.fill(usize::try_from(first).unwrap_or(0), &mut []);
-        let (mut run, choice) = begin.chosen(-second, run_in.state())?;
-        let n = usize::try_from(second).unwrap_or(0);
-        run.fill(n, &mut vec![Vec::new(); sensed.len()]);
-        Ok((run, choice))
+        begin.followed(|begin| begin.run_in((&system, &steady)))
     }
 
-    fn state(&self) -> Option<State> {
+    /// Displacements and velocities of all coordinates at the next sample.
+    pub(super) fn state(&self) -> Option<State> {
         match self {
             Self::Linear(run) => Some(run.state()),
             Self::Ported(ported) => Some(ported.run.state()),

@@ -169,6 +169,13 @@ impl Simulation {
         &self.scene
     }
 
+    /// Displacements and velocities of all coordinates at the next sample: to be compared with a reference from there on.
+    /// `None` where no motion is integrated: a linear scene.
+    #[must_use]
+    pub fn state(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+        self.engine.state()
+    }
+
     /// Samples a second of the fastest channel: what [`Simulation::advance`] counts.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {

@@ -45,17 +45,29 @@ const OF_DIFFERENCE_AT_TOUCHES: f64 = 1.8;
 /// Steps that differ by less than this factor are not told apart.
 const ALIKE: f64 = 1.08;
 
+/// Largest error that still tells something. Two motions of one size that know nothing of each other, as chaotic ones
+/// soon do, are apart by twice that at most; what is further apart grows because the step is too long for its contacts.
+const LOST: f64 = 2.0 * OF_DIFFERENCE_AT_TOUCHES;
+
 /// Below this accuracy steps are cut at contacts: it costs more than it saves above.
 const CUT_BELOW: f64 = 1e-5;
 
-/// The run with the step chosen, from number `begin_samples` of the fastest channel's samples on.
+/// What came of the choice.
+pub(super) enum Chosen {
+    /// The run with the step chosen, from number `begin_samples` of the fastest channel's samples on.
+    Run(Box<PortRun>, Choice),
+    /// The longest step does not follow the motion at all: what led up to it needs a shorter one too.
+    Lost,
+}
+
+/// Chooses among the longest step divided by `divisor`, and shorter ones; `None` where [`PortRun`] is not open.
 pub(super) fn choose(
     scene: &Scene,
     model: &Model,
     sensed: &[Sensed],
-    (rate_hz, begin_samples): (f64, i64),
+    (rate_hz, begin_samples, divisor): (f64, i64, u32),
     state: Option<StateRef<'_>>,
-) -> Option<(PortRun, Choice)> {
+) -> Option<Chosen> {
     let mut all = sensed.to_vec();
     for seat in &model.seats {
         all.extend([0.0, std::f64::consts::FRAC_PI_2].map(|axis_rad| {
@@ -70,7 +82,7 @@ pub(super) fn choose(
         let steps = (1.0 / (rate_hz * step_s) - 1e-9).ceil().max(1.0) as u32;
         steps
     };
-    let first = steps_at(STEPS_S.0);
+    let first = divisor * steps_at(STEPS_S.0);
     let begin = |steps: u32| begin_samples * i64::from(steps);
     let step_s = |steps: u32| 1.0 / (rate_hz * f64::from(steps));
     let base = PortRun::new(model, step_s(first), begin(first), state)?
@@ -92,16 +104,30 @@ pub(super) fn choose(
         let factor = if n_touches > 0 { OF_DIFFERENCE_AT_TOUCHES } else { OF_DIFFERENCE };
         factor * difference(&coarse, &fine)
     };
-    let (steps_per_sample, error) = search(scene.accuracy, (first, steps_at(STEPS_S.1)), error);
+    let found = error(first);
+    if is_lost(found) {
+        return Some(Chosen::Lost);
+    }
+    let tried = (first, found);
+    let (steps_per_sample, error) = search(scene.accuracy, tried, steps_at(STEPS_S.1), error);
     let run = at(steps_per_sample).watching(sensed, steps_per_sample);
-    Some((run, Choice { steps_per_sample, cuts_at_contact, error }))
+    Some(Chosen::Run(Box::new(run), Choice { steps_per_sample, cuts_at_contact, error }))
 }
 
-/// The least number of steps between two whose error is within the accuracy, or the last that was tried,
-/// and its error.
-fn search(accuracy: f64, (first, last): (u32, u32), error: impl Fn(u32) -> f64) -> (u32, f64) {
-    let (mut too_few, mut steps) = (None, first);
-    let mut found = error(steps);
+/// Whether an error tells of a step that does not follow the motion; NaN does.
+fn is_lost(error: f64) -> bool {
+    error.is_nan() || error > LOST
+}
+
+/// The least number of steps from the first, whose error is given, up to `last` whose error is within the accuracy,
+/// or the last that was tried, and its error.
+fn search(
+    accuracy: f64,
+    (first, its_error): (u32, f64),
+    last: u32,
+    error: impl Fn(u32) -> f64,
+) -> (u32, f64) {
+    let (mut too_few, mut steps, mut found) = (None, first, its_error);
     // NaN counts as too large.
     while found.is_nan() || found > accuracy {
         let by_order = SHORTER.0 * (accuracy / found).sqrt().sqrt();

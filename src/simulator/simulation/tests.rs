@@ -162,6 +162,63 @@ fn a_damper_too_stiff_for_the_usual_step_gets_a_shorter_one_or_is_refused() {
 }
 
 #[test]
+fn a_light_ring_on_many_balls_gets_a_step_that_follows_it() {
+    // 50 balls of 0.7 mm, a ring of 0.2 g, next to no damping: in steps of 20 µs the motion is lost.
+    let text = r#"
+[scene]
+name = "light ring"
+duration_s = 0.1
+start = "rotating"
+gravity = true
+accuracy = 1e-5
+[speed]
+constant_hz = 10.8
+[modes]
+damping = 2.4e-5
+[shaft]
+length_m = 0.24
+diameter_m = 4.8e-3
+young_gpa = 216.0
+density_kg_per_m3 = 1060.0
+[[bearing]]
+id = "ball"
+at_m = 0.021
+ring_mass_kg = 1.7e-4
+kind = "ball"
+elements = 50
+element_diameter_m = 7.4e-4
+pitch_diameter_m = 1.31e-2
+conformity = 0.567
+interference_m = 8.2e-8
+damping_n_s_per_m = 0.0
+[[bearing]]
+id = "plain"
+at_m = 0.225
+kind = "linear"
+stiffness_n_per_m = [[6.8e7, 0.0], [0.0, 7.0e7]]
+damping_n_s_per_m = 1.7e4
+[[disc]]
+at_m = 0.11
+diameter_m = 8.6e-3
+width_m = 2.1e-3
+density_kg_per_m3 = 6800.0
+eccentricity_m = 3e-6
+[[sensor]]
+channel = "x"
+kind = "accelerometer"
+bearing = "ball"
+axis_deg = 0.0
+clean = true
+number = "float64"
+"#;
+    let mut simulation = Simulation::new(&Scene::parse(text, "s").unwrap(), 1).unwrap();
+    assert!(simulation.plan().step_s() < 15e-6, "{}", simulation.plan().step_s());
+    assert!(simulation.plan().expected_error < 1e-2, "{}", simulation.plan().expected_error);
+    let seen = run(&mut simulation, &[1000]);
+    assert!(seen[0].iter().all(|x| x.is_finite()));
+}
+
+#[test]
 fn overdamped_bearings_at_constant_speed_go_the_fast_way() {
     let change = [("damping_n_s_per_m = 200.0", "damping_n_s_per_m = 2e5")];
     let mut simulation = Simulation::new(&scene("seed-bearing-40hz-3", &change), 1).unwrap();

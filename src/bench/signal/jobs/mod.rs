@@ -8,6 +8,7 @@ use super::Effort;
 use super::recording::{BAND_HZ, FS_HZ, IMPACTS_HZ, MESH_HZ, SHAFT_HZ};
 use super::reference;
 use crate::bench::clock::Work;
+use crate::bench::gaps::largest;
 use crate::dsp::band_envelope::BandEnvelopePlan;
 use crate::dsp::cwt_bank::{Accuracy, Rate};
 use crate::dsp::envelope::{self, EnvelopeSpectrumPlan, SquaredEnvelopePlan};
@@ -188,12 +189,10 @@ fn wide<T: Real>(x: &Complex<T>) -> Complex64 {
 
 /// Largest difference over largest reference.
 fn relative(pairs: impl Iterator<Item = (Complex64, Complex64)>) -> Option<f64> {
-    let (mut gap, mut largest) = (0.0_f64, 0.0_f64);
-    for (found, exact) in pairs {
-        gap = gap.max((found - exact).norm());
-        largest = largest.max(exact.norm());
-    }
-    (largest > 0.0).then(|| gap / largest)
+    let (gaps, sizes): (Vec<f64>, Vec<f64>) =
+        pairs.map(|(found, exact)| ((found - exact).norm(), exact.norm())).unzip();
+    let size = largest(sizes);
+    (size > 0.0).then(|| largest(gaps) / size)
 }
 
 fn relative_real<T: Real>(found: impl Iterator<Item = T>, exact: &[f64]) -> Option<f64> {
@@ -383,7 +382,7 @@ impl<T: Real> Job for Envelope<T> {
 fn moments_error(found: Moments, x: &[f64]) -> Option<f64> {
     let found = [found.rms()?, found.kurtosis()?, found.m6()?, found.m8()?];
     let exact = reference::moments(x);
-    found.iter().zip(exact).map(|(found, exact)| (found / exact - 1.0).abs()).reduce(f64::max)
+    Some(largest(found.iter().zip(exact).map(|(found, exact)| found / exact - 1.0)))
 }
 
 struct AtOnce<T> {
