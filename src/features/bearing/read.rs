@@ -72,7 +72,7 @@ pub fn read_line(
     let side_band = side_band(spectrum, task, (frequency, task.side_band_spacing), scratch);
     let is_shaft_product =
         is_shaft_product(spectrum, task, (frequency, fundamental.depth), side_band, scratch);
-    let slower = slower_rate(spectrum, task, (frequency, fundamental.depth), scratch);
+    let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
     Some(BandReading {
         band,
         frequency: Hz(frequency),
@@ -139,13 +139,18 @@ const EQUAL_HEIGHT: f64 = 0.5;
 /// places a line within a tenth of a cell, and that counts m times.
 const MULTIPLE_TOLERANCE: f64 = 0.6;
 
-/// And this near, relative: so far the speed of an induction motor wanders while the window lasts, which
-/// moves a line and its multiple by different parts of their smeared widths.
-const WANDER: f64 = 3e-3;
+/// And this near, relative, unless the line is sharp: three standard deviations of the speed of an induction motor that wanders
+/// by 0.3 % while the window lasts. Its lines are smeared, highest where the speed turns back, and a line and its multiple need not
+/// be highest at the same turn.
+const WANDER: f64 = 9e-3;
 
 /// Part of the power nearby that the main lobe of a sharp line holds: at least; a line that wanders over twice its lobe's
-/// width has half of it outside.
-const SHARP: f64 = 0.8;
+/// width has half of it outside, one that mostly rests where the speed turns back a fifth.
+const SHARP: f64 = 0.9;
+
+/// Two lines are apart if the spectrum falls between them to this part of the lower; Hann lobes of lines that are resolved do
+/// not meet.
+const VALLEY: f64 = 0.25;
 
 /// Half width of a Hann main lobe, steps of 1/T.
 const HANN_LOBE: f64 = 2.0;
@@ -155,10 +160,10 @@ const HANN_LOBE: f64 = 2.0;
 fn slower_rate(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
-    (frequency_hz, depth): (f64, f64),
+    (frequency_hz, fundamental): (f64, Harmonic),
     scratch: &mut Vec<f32>,
 ) -> Option<Hz> {
-    let wander = if is_sharp(spectrum, frequency_hz) { 0.0 } else { WANDER };
+    let wander = if is_sharp(spectrum, task, (frequency_hz, fundamental)) { 0.0 } else { WANDER };
     let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(wander * frequency_hz);
     let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
     (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
@@ -168,24 +173,44 @@ fn slower_rate(
         let (place, height) = peak(spectrum.depth, at);
         let slower_hz = place * spectrum.bin_hz;
         let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;
-        let is_equal = is_multiple && height >= EQUAL_HEIGHT * depth;
+        let is_equal = is_multiple && height >= EQUAL_HEIGHT * fundamental.depth;
         let found = measure(spectrum, task, at, 3.0, scratch).filter(|_| is_equal)?;
         (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
     })
 }
 
-/// Whether the main lobe at `frequency_hz` holds most of the power as far around it as a line may wander: then it has not
-/// wandered, and neither has what it is a multiple of.
-fn is_sharp(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> bool {
-    let lobe_hz = HANN_LOBE / spectrum.duration_s;
-    let power_within = |reach_hz: f64| -> f64 {
-        let bins = bin_at(frequency_hz - reach_hz, spectrum.bin_hz)
-            ..=bin_at(frequency_hz + reach_hz, spectrum.bin_hz);
-        let depths = spectrum.depth.get(bins).unwrap_or_default();
-        depths.iter().map(|d| f64::from(*d).powi(2)).sum()
+/// Whether the main lobe at `frequency_hz` holds most of the power over the floor as far around it as a line may wander, known
+/// lines apart from it left out: then it has not wandered, and neither has what it is a multiple of.
+fn is_sharp(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    (frequency_hz, fundamental): (f64, Harmonic),
+) -> bool {
+    let (lobe_hz, reach_hz) = (HANN_LOBE / spectrum.duration_s, WANDER * frequency_hz);
+    let floor = fundamental.depth * fundamental.depth / fundamental.power_ratio;
+    let near = |line: &&KnownLine| (line.frequency.0 - frequency_hz).abs() < reach_hz + lobe_hz;
+    let apart = |line: &&KnownLine| is_apart(spectrum, line.frequency.0, frequency_hz);
+    let known: Vec<f64> =
+        task.known.iter().filter(near).filter(apart).map(|line| line.frequency.0).collect();
+    let is_left_out = |k: usize| {
+        let hz = k as f64 * spectrum.bin_hz;
+        known.iter().any(|known_hz| (known_hz - hz).abs() < task.resolution.0)
     };
-    let reach_hz = WANDER * frequency_hz;
+    let power_within = |reach_hz: f64| -> f64 {
+        let bins = bin_at((frequency_hz - reach_hz).max(0.0), spectrum.bin_hz)
+            ..=bin_at(frequency_hz + reach_hz, spectrum.bin_hz);
+        let powers = bins.filter(|k| !is_left_out(*k)).filter_map(|k| spectrum.depth.get(k));
+        powers.map(|d| f64::from(*d).powi(2) - floor).sum()
+    };
     reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
+}
+
+/// Whether the spectrum falls between two lines below a quarter of either: one that is smeared over both does not.
+fn is_apart(spectrum: &DepthSpectrum<'_>, one_hz: f64, other_hz: f64) -> bool {
+    let (one, other) = (bin_at(one_hz, spectrum.bin_hz), bin_at(other_hz, spectrum.bin_hz));
+    let lower = depth_at(spectrum, one_hz).min(depth_at(spectrum, other_hz));
+    let between = spectrum.depth.get(one.min(other)..=one.max(other)).unwrap_or_default();
+    between.iter().any(|d| f64::from(*d) < VALLEY * lower)
 }
 
 /// Strongest local maximum among `bins`: a bin beside a higher one is the skirt of another line.

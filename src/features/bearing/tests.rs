@@ -225,6 +225,25 @@ fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
 }
 
 #[test]
+fn a_line_that_is_smeared_is_a_multiple_of_what_lies_as_far_away_as_it_reaches() {
+    // A speed that turns back at 32.967 Hz and rests at 32.7: the third harmonic is highest at one end, the first at the other.
+    let resting = (32.7, 0.8);
+    let smeared = [(98.3, 0.25), (98.5, 0.3), (98.7, 0.3), (98.9, 0.5), resting];
+    assert!(slower(&smeared, DefectLine::Bpfo).is_some());
+    let sharp = [(98.9, 0.5), resting];
+    assert_eq!(slower(&sharp, DefectLine::Bpfo), None);
+    // A harmonic of the shaft apart from the line is none of its smear, where it is known.
+    let beside = [(98.9, 0.5), (98.2, 0.4), resting];
+    let depth = spectrum_of(&beside, 0.05);
+    let read = |known: &[KnownLine]| {
+        let reading = read_line(&of_ten_seconds(&depth), BAND, &task(known), &mut Vec::new());
+        reading.unwrap().slower
+    };
+    assert!(read(&[]).is_some());
+    assert_eq!(read(&[KnownLine { frequency: Hz(98.2), label: "3x main".into() }]), None);
+}
+
+#[test]
 fn the_skirt_of_a_covered_line_is_no_line() {
     // A shaft harmonic at 98.75 where 98.5 is expected: its skirt leaves the covered 0.2 Hz.
     let depth = spectrum_of(&[(98.62, 0.8), (100.4, 0.06)], 0.05);
