@@ -60,6 +60,7 @@ pub mod interpolate;
 pub mod tsa;
 pub mod gear;
 pub mod demodulate;
+pub mod mesh_angle;
 pub mod history;
 pub mod stft;
 pub mod order_track;

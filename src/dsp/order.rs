@@ -145,6 +145,30 @@ impl PhaseTrack {
         Some(Self { knots, ..*self })
     }
 
+    /// The same motion, ahead by what a cubic through `knots` gives: (revolutions, how far ahead), ascending, two at least,
+    /// over the stretch to be kept; `None` if it would turn back, or for pulses, which are right by themselves.
+    #[must_use]
+    pub fn moved_ahead(&self, knots: &[(f64, f64)]) -> Option<Self> {
+        let moved: Vec<(f64, f64)> = match &self.knots {
+            Knots::Pulses { .. } => return None,
+            Knots::Constant { speed_hz } => {
+                knots.iter().map(|(at, ahead)| (at / speed_hz, at + ahead)).collect()
+            }
+            Knots::Smooth { times_s, revolutions, .. } => {
+                // Rises as the motion does, so that the cubic's limits do not touch it.
+                let (at, ends): (Vec<f64>, Vec<f64>) =
+                    knots.iter().map(|(at, ahead)| (*at, at + ahead)).unzip();
+                let slopes = hermite::slopes(&at, &ends);
+                let inside = times_s.iter().zip(revolutions);
+                inside
+                    .filter_map(|(t, r)| Some((*t, hermite::value_at(&at, &ends, &slopes, *r)?)))
+                    .collect()
+            }
+        };
+        let (times_s, revolutions): (Vec<f64>, Vec<f64>) = moved.into_iter().unzip();
+        Self::from_knots(&times_s, &revolutions)
+    }
+
     /// Pulses that were missing and have been bridged.
     #[must_use]
     pub fn n_missing(&self) -> usize {

@@ -92,6 +92,18 @@ impl TsaPlan {
         starts.n
     }
 
+    /// The first whole revolution of `track` that is inside a record of `n_samples`, and how many there are.
+    #[must_use]
+    pub fn whole_revolutions(
+        &self,
+        n_samples: usize,
+        fs_hz: f64,
+        track: &PhaseTrack,
+    ) -> (f64, usize) {
+        let starts = self.starts(n_samples, fs_hz, track);
+        (starts.at(0), starts.n)
+    }
+
     /// Where the whole revolutions inside record and track begin, revolutions.
     fn starts(&self, n_samples: usize, fs_hz: f64, track: &PhaseTrack) -> Starts {
         let margin_s = self.interpolator.half_taps() as f64 / fs_hz;

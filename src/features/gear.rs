@@ -13,6 +13,8 @@ pub use crate::dsp::gear::GearFigures;
 use crate::dsp::gear::GearPlan;
 pub use crate::dsp::gear::Localisation;
 pub use crate::dsp::gear::WIDTHS;
+use crate::dsp::mesh_angle;
+use crate::dsp::mesh_angle::MeshAngle;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats::Moments;
@@ -86,8 +88,9 @@ pub struct GearReading {
     pub revolutions: usize,
     /// Whether a tacho gave the angle (else a constant speed, and no angle means anything).
     pub has_angle: bool,
-    /// Whether a tacho followed the shaft, on it or through the gears.
-    pub is_followed: bool,
+    /// Whether the angle is known to a small part of a tooth: a tacho followed the shaft, on it or through the gears, or the
+    /// mesh keeps its phase all along the record (D111).
+    pub is_sharp: bool,
     /// Amplitudes of the first mesh harmonics, zero-to-peak, unit of the channel; 0 beyond the band.
     pub mesh: [f64; MESH_HARMONICS],
     /// Figures of merit.
@@ -149,13 +152,17 @@ pub fn mesh_name(h: usize, gear: &str, shaft: &str) -> String {
     format!("tsa_mesh_{h}_{gear}_{shaft}")
 }
 
-/// What a baseline keeps of a gear's average.
+/// What a baseline keeps of a gear's average: nothing where its angle is not sharp.
 #[must_use]
 pub fn features(
     machine: &Machine,
     reading: &GearReading,
     channels: &[ChannelInfo],
 ) -> Vec<Feature> {
+    // An angle that drifts blurs high orders: nothing compares, least of all with a sharper average.
+    if !reading.is_sharp {
+        return Vec::new();
+    }
     let gear = &machine.gear(reading.gear).id;
     let shaft = &machine.shaft(reading.shaft).id;
     let unit = channels[reading.channel.0].unit;
@@ -170,14 +177,11 @@ pub fn features(
     if reading.part != Part::Whole {
         return features;
     }
-    // An angle that drifts blurs high orders: their amplitudes do not compare.
-    if reading.is_followed {
-        features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
-            name: Arc::from(mesh_name(h, gear, shaft)),
-            value,
-            unit,
-        }));
-    }
+    features.extend((1..).zip(reading.mesh).map(|(h, value)| Feature {
+        name: Arc::from(mesh_name(h, gear, shaft)),
+        value,
+        unit,
+    }));
     if let Some(value) = reading.figures.fm4 {
         features.push(Feature {
             name: Arc::from(format!("fm4_{gear}_{shaft}")),
@@ -221,12 +225,11 @@ pub fn read(
                     teeth: member.teeth,
                     max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
-                let parts = task.run(input, &track, cache);
+                let parts = task.run(input, &track, followed.by_tacho, cache);
                 found.extend(parts.into_iter().map(|r| GearReading {
                     gear: GearIndex(g),
                     shaft: member.shaft,
                     has_angle: followed.is_marked,
-                    is_followed: followed.by_tacho,
                     ..r
                 }));
             }
@@ -279,28 +282,35 @@ impl Average {
         &self,
         input: &Input<'_>,
         track: &PhaseTrack,
+        by_tacho: bool,
         cache: &mut FftCache<f64>,
     ) -> Vec<GearReading> {
         let points = floor_index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
         let order_kept = floor_index(0.43 * self.samples_per_rev.min(points as f64));
         let tsa = TsaPlan::new(points, self.samples_per_rev);
-        let mut y = vec![0.0_f64; points];
-        let mut blocks = vec![y.clone(); N_BLOCKS];
-        let revolutions = tsa.process_blocks(input.samples, self.rate, track, &mut y, &mut blocks);
-        if revolutions < MIN_REVOLUTIONS {
+        let mut averaged = Averaged::along(track, &tsa, self.rate, input.samples);
+        if averaged.revolutions < MIN_REVOLUTIONS {
             return Vec::new();
         }
         let top = self.max_order.min(order_kept);
-        let read = |part| self.part(part, top, (&y, &blocks, revolutions), input, cache);
-        Part::ALL.into_iter().filter_map(read).collect()
+        let mut is_sharp = by_tacho;
+        if !by_tacho {
+            let teeth = self.teeth as usize;
+            let orders: Vec<usize> =
+                (1..=MESH_HARMONICS).map(|h| h * teeth).filter(|order| *order <= top).collect();
+            is_sharp = averaged.sharpen(&orders, track, &tsa, (self.rate, input.samples));
+        }
+        let read = |part| self.part(part, top, &averaged, input, cache);
+        let parts = Part::ALL.into_iter().filter_map(read);
+        parts.map(|reading| GearReading { is_sharp, ..reading }).collect()
     }
 
-    /// Reads a part of the average `y` over `revolutions`, of those over parts of the record, in orders up to `top`.
+    /// Reads a part of an average in orders up to `top`.
     fn part(
         &self,
         part: Part,
         top: usize,
-        (y, blocks, revolutions): (&[f64], &[Vec<f64>], usize),
+        Averaged { y, blocks, revolutions }: &Averaged,
         input: &Input<'_>,
         cache: &mut FftCache<f64>,
     ) -> Option<GearReading> {
@@ -323,9 +333,9 @@ impl Average {
             shaft: ShaftIndex(0),
             channel: input.channel,
             part,
-            revolutions,
+            revolutions: *revolutions,
             has_angle: false,
-            is_followed: false,
+            is_sharp: false,
             mesh,
             figures,
             shape,
@@ -337,6 +347,47 @@ impl Average {
             zero_crossing_deg: zero_crossing_deg(y),
             sample_range: input.range,
         })
+    }
+}
+
+/// One revolution, averaged over the record and over [`N_BLOCKS`] parts of it.
+struct Averaged {
+    y: Vec<f64>,
+    blocks: Vec<Vec<f64>>,
+    revolutions: usize,
+}
+
+impl Averaged {
+    fn along(track: &PhaseTrack, tsa: &TsaPlan, rate: f64, samples: &[f32]) -> Self {
+        let mut y = vec![0.0_f64; tsa.points_per_rev()];
+        let mut blocks = vec![y.clone(); N_BLOCKS];
+        let revolutions = tsa.process_blocks(samples, rate, track, &mut y, &mut blocks);
+        Self { y, blocks, revolutions }
+    }
+
+    /// Averages along the angle that the mesh harmonics at `orders` tell instead of `track` (D111); whether they stay where
+    /// they are then.
+    fn sharpen(
+        &mut self,
+        orders: &[usize],
+        track: &PhaseTrack,
+        tsa: &TsaPlan,
+        (rate, samples): (f64, &[f32]),
+    ) -> bool {
+        let ahead = match mesh_angle::read(&self.blocks, orders) {
+            MeshAngle::Sharp => return true,
+            MeshAngle::Unknown => return false,
+            MeshAngle::Drifts(ahead) => ahead,
+        };
+        let parted = tsa.whole_revolutions(samples.len(), rate, track);
+        let Some(track) = mesh_angle::corrected(track, parted, &ahead) else { return false };
+        let again = Self::along(&track, tsa, rate, samples);
+        let is_better =
+            again.revolutions >= MIN_REVOLUTIONS && mesh_angle::is_kept(&again.blocks, orders);
+        if is_better {
+            *self = again;
+        }
+        is_better
     }
 }
 

@@ -62,20 +62,23 @@ fn reading(x: &[f32]) -> GearReading {
     reading_from(0.0, x, &by_tacho(&pulses)).unwrap()
 }
 
-/// Of samples from `time_s` on.
-fn reading_from(time_s: f64, x: &[f32], speed: &Speed) -> Option<GearReading> {
-    let machine = file::parse(RIG, "rig.toml").unwrap();
-    let channel = ChannelInfo {
+fn acc() -> ChannelInfo {
+    ChannelInfo {
         name: "acc".to_owned(),
         sample_rate: Hz(RATE_HZ),
         unit: Unit::Unknown,
         offset: 0.0,
         unit_conflict: None,
         full_scale: None,
-    };
+    }
+}
+
+/// Of samples from `time_s` on.
+fn reading_from(time_s: f64, x: &[f32], speed: &Speed) -> Option<GearReading> {
+    let machine = file::parse(RIG, "rig.toml").unwrap();
     let input =
         Input { sensor: 0, channel: ChannelIndex(0), time_s, samples: x, range: (0, 100_000) };
-    let mut found = read(&machine, &[channel], speed, &[input], &mut FftCache::new());
+    let mut found = read(&machine, &[acc()], speed, &[input], &mut FftCache::new());
     let whole = found.iter().filter(|r| r.part == Part::Whole);
     assert!(whole.count() <= 1, "a 1 : 1 pair is averaged once");
     (!found.is_empty()).then(|| found.remove(0))
@@ -122,6 +125,26 @@ fn a_gear_whose_speed_swings_is_averaged_along_the_angle_its_harmonics_tell() {
     // What a speed channel adds up to is no angle.
     let source = Some(SpeedSource::SpeedChannel);
     assert!(of(&Speed { turning, source, excursion: 0.02, ..written() }).is_none());
+}
+
+#[test]
+fn a_gear_whose_speed_is_a_little_off_is_averaged_along_the_angle_its_mesh_tells() {
+    // 1e-4 of 100 revolutions: a quarter of a tooth.
+    let x = mesh_along(&|t| 10.001 * t, 0.5, 120.0);
+    let found = reading_from(0.0, &x, &written()).unwrap();
+    assert!(found.is_sharp && !found.has_angle);
+    assert!((found.mesh[0] - 1.0).abs() < 0.01, "nothing is smeared: {:?}", found.mesh);
+    let right = reading_from(0.0, &mesh(0.5, 120.0), &written()).unwrap();
+    let ratio = found.local_amplitude / right.local_amplitude;
+    assert!(right.is_sharp && (ratio - 1.0).abs() < 0.05, "the blow is as sharp: {ratio}");
+    // Noise has no angle to follow: what its average holds says nothing of the mesh.
+    let noise: Vec<f32> =
+        crate::dsp::reference::gaussian_noise(100_000, 3).into_iter().map(f32::rounded).collect();
+    let blurred = reading_from(0.0, &noise, &written()).unwrap();
+    assert!(!blurred.is_sharp);
+    let machine = file::parse(RIG, "rig.toml").unwrap();
+    assert_eq!(features(&machine, &blurred, &[acc()]), []);
+    assert!(!features(&machine, &found, &[acc()]).is_empty());
 }
 
 #[test]

@@ -41,7 +41,8 @@ pub(super) fn judge_gear(
     let local = strongest_local(gear, all_signs);
     let Some((shaft, signs, local)) = local else {
         verdict.why =
-            "no synchronous average, here or in the baseline: a tacho, or a speed confirmed by shaft harmonics, is needed"
+            "no synchronous average, here or in the baseline: a tacho, or a speed confirmed by shaft harmonics and a mesh that \
+             keeps its phase, is needed"
                 .to_owned();
         return verdict;
     };
@@ -86,10 +87,11 @@ pub(super) fn judge_gear(
         );
         return verdict;
     }
-    if !at_one_tooth && !cwt_up {
+    if !at_one_tooth {
+        let beside_it = if cwt_up { "though 1× is up" } else { "with 1× not up" };
         verdict.why = format!(
             "the difference signal of the synchronous average is {:.1} times its baseline in {heard_in}, but all round the \
-             revolution and with 1× not up: orders that are no mesh, or all teeth; no single tooth",
+             revolution, {beside_it}: orders that are no mesh, or all teeth; no single tooth",
             local.ratio
         );
         return verdict;
