@@ -313,6 +313,27 @@ mod tests {
     }
 
     #[test]
+    fn a_track_moved_ahead_is_ahead_by_that() {
+        let knots: Vec<(f64, f64)> =
+            (0..=20).map(|i| (f64::from(i), 0.01 * f64::from(i))).collect();
+        let times_s: Vec<f64> = (0..=40).map(|i| 0.05 * f64::from(i)).collect();
+        let turned: Vec<f64> = times_s.iter().map(|t| 10.0 * t).collect();
+        let smooth = PhaseTrack::from_knots(&times_s, &turned).unwrap();
+        for track in [PhaseTrack::constant(10.0).unwrap(), smooth] {
+            let moved = track.moved_ahead(&knots).unwrap();
+            for time_s in [0.0, 0.33, 1.0, 1.99] {
+                let found = moved.revolutions_at(time_s).unwrap();
+                assert!((found - 10.1 * time_s).abs() < 1e-9, "{found} at {time_s} s");
+            }
+            assert_eq!(moved.revolutions_at(2.01), None, "nothing is known beyond the knots");
+            let back = [(0.0, 0.0), (20.0, -21.0)];
+            assert_eq!(track.moved_ahead(&back), None);
+        }
+        let pulses = PhaseTrack::from_pulses(&regular(21), 1).unwrap();
+        assert_eq!(pulses.moved_ahead(&knots), None, "a tacho is right by itself");
+    }
+
+    #[test]
     fn missing_and_double_pulses_are_counted_and_bridged() {
         let mut times_s = regular(40);
         times_s.remove(30);
