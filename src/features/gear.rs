@@ -93,6 +93,8 @@ pub struct GearReading {
     pub is_sharp: bool,
     /// Amplitudes of the first mesh harmonics, zero-to-peak, unit of the channel; 0 beyond the band.
     pub mesh: [f64; MESH_HARMONICS],
+    /// Their powers ÷ what chance leaves there (D26 of one line); `None` beyond the band, or where parts of the record do not differ.
+    pub mesh_over_scatter: [Option<f64>; MESH_HARMONICS],
     /// Figures of merit.
     pub figures: GearFigures,
     /// Of the whole: the residual signal. Around a mesh harmonic: its amplitude demodulated (D65).
@@ -321,6 +323,12 @@ impl Average {
         }?;
         let figures = plan.process(y);
         let mesh = std::array::from_fn(|i| plan.harmonic_amplitude(i + 1).unwrap_or(0.0));
+        let mesh_over_scatter = std::array::from_fn(|i| {
+            let order = (i + 1) * teeth;
+            (part == Part::Whole && order <= top)
+                .then(|| mesh_angle::power_over_scatter(blocks, order))
+                .flatten()
+        });
         let localisation = plan.localise()?;
         let local_amplitude =
             figures.difference_rms * (2.0 * localisation.peak_over_mean[0]).sqrt();
@@ -337,6 +345,7 @@ impl Average {
             has_angle: false,
             is_sharp: false,
             mesh,
+            mesh_over_scatter,
             figures,
             shape,
             phase_swing_rad,

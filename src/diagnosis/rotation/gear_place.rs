@@ -177,12 +177,16 @@ pub(super) struct Wear {
 pub(super) fn growth(
     found: &GearReading,
     channel: &ChannelFeatures,
+    features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Option<Growth> {
     let machine = context.machine;
     let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
     let channel_name = context.channel_name(channel.channel);
+    // The mesh harmonics are told of the whole average alone.
+    let whole = beside(found, found.shaft, Part::Whole, features, context)?;
     let compared: Vec<_> = (1..=gear::MESH_HARMONICS)
+        .filter(|h| *h == 1 || gear_signs::stands_out(whole, *h, context))
         .filter_map(|h| {
             let name = gear::mesh_name(h, gear, shaft);
             let value = channel.get(&name)?;

@@ -161,6 +161,7 @@ fn gear_reading(persistence: f64, peak: f64) -> GearReading {
         has_angle: true,
         is_sharp: true,
         mesh: [1.0; 3],
+        mesh_over_scatter: [Some(1e3); 3],
         figures: GearFigures {
             fm0: None,
             fm4: None,
@@ -495,4 +496,11 @@ fn wear_is_what_all_higher_mesh_harmonics_and_no_tooth_show() {
     assert_eq!(gear_alone(2.0, 2.0, [3.5, 3.5, 3.5]), (State::Healthy, None));
     let tooth = Some(FaultMode::ToothDamage);
     assert_eq!(gear_alone(20.0, 20.0, [1.2, 6.0, 5.0]), (State::Warning, tooth), "and a tooth");
+    // (1 + z/7)^−7 ≤ 10⁻³ from z = 11.8 on: what noise leaves at a mesh harmonic has no ratio.
+    let of_noise = |z: f64| {
+        let signs = Signs { local: Some(2.0), mesh: [1.2, 6.0, 5.0], ..Signs::HEALTHY };
+        let reading = GearReading { mesh_over_scatter: [Some(z); 3], ..gear_reading(1000.0, 2.0) };
+        of(&judged_with(signs, true, true, vec![reading]), "mesh").fault
+    };
+    assert_eq!((of_noise(11.0), of_noise(12.0)), (None, wear));
 }
