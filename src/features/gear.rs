@@ -15,6 +15,7 @@ pub use crate::dsp::gear::Localisation;
 pub use crate::dsp::gear::WIDTHS;
 use crate::dsp::mesh_angle;
 use crate::dsp::mesh_angle::MeshAngle;
+use crate::dsp::mesh_angle::MeshLines;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats::Moments;
@@ -93,8 +94,8 @@ pub struct GearReading {
     pub is_sharp: bool,
     /// Amplitudes of the first mesh harmonics, zero-to-peak, unit of the channel; 0 beyond the band.
     pub mesh: [f64; MESH_HARMONICS],
-    /// Their powers ÷ what chance leaves there (D26 of one line); `None` beyond the band, or where parts of the record do not differ.
-    pub mesh_over_scatter: [Option<f64>; MESH_HARMONICS],
+    /// Their powers in the whole average ÷ what chance leaves there (D26 of one line); 0 beyond the band.
+    pub mesh_over_scatter: [f64; MESH_HARMONICS],
     /// Figures of merit.
     pub figures: GearFigures,
     /// Of the whole: the residual signal. Around a mesh harmonic: its amplitude demodulated (D65).
@@ -228,7 +229,7 @@ pub fn read(
                     max_order: floor_index(usable.1.0 / (first.0 * ratio)),
                 };
                 let parts = task.run(input, &track, followed.by_tacho, cache);
-                found.extend(parts.into_iter().map(|r| GearReading {
+                found.extend(parts.into_iter().flatten().map(|r| GearReading {
                     gear: GearIndex(g),
                     shaft: member.shaft,
                     has_angle: followed.is_marked,
@@ -286,25 +287,30 @@ impl Average {
         track: &PhaseTrack,
         by_tacho: bool,
         cache: &mut FftCache<f64>,
-    ) -> Vec<GearReading> {
+    ) -> Option<Vec<GearReading>> {
         let points = floor_index(self.samples_per_rev).next_power_of_two().clamp(256, 4096);
         let order_kept = floor_index(0.43 * self.samples_per_rev.min(points as f64));
         let tsa = TsaPlan::new(points, self.samples_per_rev);
-        let mut averaged = Averaged::along(track, &tsa, self.rate, input.samples);
-        if averaged.revolutions < MIN_REVOLUTIONS {
-            return Vec::new();
-        }
         let top = self.max_order.min(order_kept);
+        let teeth = self.teeth as usize;
+        let orders: Vec<usize> =
+            (1..=MESH_HARMONICS).map(|h| h * teeth).filter(|order| *order <= top).collect();
+        let along =
+            |track: &PhaseTrack| Averaged::along(track, &tsa, (self.rate, input.samples), &orders);
+        let mut averaged = along(track)?;
         let mut is_sharp = by_tacho;
         if !by_tacho {
-            let teeth = self.teeth as usize;
-            let orders: Vec<usize> =
-                (1..=MESH_HARMONICS).map(|h| h * teeth).filter(|order| *order <= top).collect();
-            is_sharp = averaged.sharpen(&orders, track, &tsa, (self.rate, input.samples));
+            let parted = tsa.whole_revolutions(input.samples.len(), self.rate, track);
+            let corrected = |ahead: &[f64]| mesh_angle::corrected(track, parted, ahead);
+            (averaged, is_sharp) = averaged.sharpened(|ahead| along(&corrected(ahead)?));
+        }
+        let mut mesh_over_scatter = [0.0; MESH_HARMONICS];
+        for (of_h, z) in mesh_over_scatter.iter_mut().zip(averaged.mesh.powers_over_scatter()) {
+            *of_h = z;
         }
         let read = |part| self.part(part, top, &averaged, input, cache);
         let parts = Part::ALL.into_iter().filter_map(read);
-        parts.map(|reading| GearReading { is_sharp, ..reading }).collect()
+        Some(parts.map(|r| GearReading { is_sharp, mesh_over_scatter, ..r }).collect())
     }
 
     /// Reads a part of an average in orders up to `top`.
@@ -312,7 +318,7 @@ impl Average {
         &self,
         part: Part,
         top: usize,
-        Averaged { y, blocks, revolutions }: &Averaged,
+        Averaged { y, blocks, revolutions, .. }: &Averaged,
         input: &Input<'_>,
         cache: &mut FftCache<f64>,
     ) -> Option<GearReading> {
@@ -323,12 +329,6 @@ impl Average {
         }?;
         let figures = plan.process(y);
         let mesh = std::array::from_fn(|i| plan.harmonic_amplitude(i + 1).unwrap_or(0.0));
-        let mesh_over_scatter = std::array::from_fn(|i| {
-            let order = (i + 1) * teeth;
-            (part == Part::Whole && order <= top)
-                .then(|| mesh_angle::power_over_scatter(blocks, order))
-                .flatten()
-        });
         let localisation = plan.localise()?;
         let local_amplitude =
             figures.difference_rms * (2.0 * localisation.peak_over_mean[0]).sqrt();
@@ -345,7 +345,7 @@ impl Average {
             has_angle: false,
             is_sharp: false,
             mesh,
-            mesh_over_scatter,
+            mesh_over_scatter: [0.0; MESH_HARMONICS],
             figures,
             shape,
             phase_swing_rad,
@@ -363,40 +363,37 @@ impl Average {
 struct Averaged {
     y: Vec<f64>,
     blocks: Vec<Vec<f64>>,
+    /// The mesh harmonics inside the band, in the parts.
+    mesh: MeshLines,
     revolutions: usize,
 }
 
 impl Averaged {
-    fn along(track: &PhaseTrack, tsa: &TsaPlan, rate: f64, samples: &[f32]) -> Self {
-        let mut y = vec![0.0_f64; tsa.points_per_rev()];
-        let mut blocks = vec![y.clone(); N_BLOCKS];
-        let revolutions = tsa.process_blocks(samples, rate, track, &mut y, &mut blocks);
-        Self { y, blocks, revolutions }
-    }
-
-    /// Averages along the angle that the mesh harmonics at `orders` tell instead of `track` (D111); whether they stay where
-    /// they are then.
-    fn sharpen(
-        &mut self,
-        orders: &[usize],
+    /// Averages along `track`; `None` if that is of too few revolutions.
+    fn along(
         track: &PhaseTrack,
         tsa: &TsaPlan,
         (rate, samples): (f64, &[f32]),
-    ) -> bool {
-        let ahead = match mesh_angle::read(&self.blocks, orders) {
-            MeshAngle::Sharp => return true,
-            MeshAngle::Unknown => return false,
-            MeshAngle::Drifts(ahead) => ahead,
-        };
-        let parted = tsa.whole_revolutions(samples.len(), rate, track);
-        let Some(track) = mesh_angle::corrected(track, parted, &ahead) else { return false };
-        let again = Self::along(&track, tsa, rate, samples);
-        let is_better =
-            again.revolutions >= MIN_REVOLUTIONS && mesh_angle::is_kept(&again.blocks, orders);
-        if is_better {
-            *self = again;
+        orders: &[usize],
+    ) -> Option<Self> {
+        let mut y = vec![0.0_f64; tsa.points_per_rev()];
+        let mut blocks = vec![y.clone(); N_BLOCKS];
+        let revolutions = tsa.process_blocks(samples, rate, track, &mut y, &mut blocks);
+        let mesh = MeshLines::of(&blocks, orders);
+        (revolutions >= MIN_REVOLUTIONS).then_some(Self { y, blocks, mesh, revolutions })
+    }
+
+    /// The average along the angle that the mesh tells, made anew by `again` where it drifts (D111), and whether that is sharp; if
+    /// it is not, the average as it is.
+    fn sharpened(self, again: impl Fn(&[f64]) -> Option<Self>) -> (Self, bool) {
+        match self.mesh.angle() {
+            MeshAngle::Sharp => (self, true),
+            MeshAngle::Unknown => (self, false),
+            MeshAngle::Drifts(ahead) => match again(&ahead).filter(|a| a.mesh.are_kept()) {
+                Some(sharp) => (sharp, true),
+                None => (self, false),
+            },
         }
-        is_better
     }
 }
 

@@ -148,7 +148,7 @@ fn mesh_growth(
     context: &Context<'_>,
 ) -> Option<Growth> {
     let channel = features.channels.iter().find(|c| c.channel == reading.channel)?;
-    gear_place::growth(reading, channel, features, context)
+    gear_place::growth(reading, channel, context)
 }
 
 /// The higher mesh harmonics have grown and no tooth more than the mesh: wear of all teeth, unless one tooth stands out,

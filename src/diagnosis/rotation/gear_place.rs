@@ -177,17 +177,15 @@ pub(super) struct Wear {
 pub(super) fn growth(
     found: &GearReading,
     channel: &ChannelFeatures,
-    features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Option<Growth> {
     let machine = context.machine;
     let (gear, shaft) = (&machine.gear(found.gear).id, &machine.shaft(found.shaft).id);
     let channel_name = context.channel_name(channel.channel);
-    // The mesh harmonics are told of the whole average alone.
-    let whole = beside(found, found.shaft, Part::Whole, features, context)?;
-    let compared: Vec<_> = (1..=gear::MESH_HARMONICS)
-        .filter(|h| *h == 1 || gear_signs::stands_out(whole, *h, context))
-        .filter_map(|h| {
+    let compared: Vec<_> = (1..)
+        .zip(found.mesh_over_scatter)
+        .filter(|(_, over_scatter)| gear_signs::stands_out(*over_scatter, context))
+        .filter_map(|(h, _)| {
             let name = gear::mesh_name(h, gear, shaft);
             let value = channel.get(&name)?;
             Some((h, name.clone(), context.baseline.compare(channel_name, &name, value)?))

@@ -55,13 +55,11 @@ pub(super) fn chance_of_persistence(reading: &GearReading) -> f64 {
     (tail * f64::from(reading.teeth) * gear::Part::ALL.len() as f64).min(1.0)
 }
 
-/// Whether mesh harmonic `h` of an average is no noise (J5): that its power would stand so far over the scatter of the parts by
-/// chance (C1, ν = B − 1) is as rare as a false alarm may be. What noise leaves scatters too widely to have a ratio.
-pub(super) fn stands_out(reading: &GearReading, h: usize, context: &Context<'_>) -> bool {
+/// Whether a mesh harmonic of so much power over the scatter of the parts is no noise (J5): by chance (C1, ν = B − 1) it is as
+/// rare as a false alarm may be. What noise leaves scatters too widely to have a ratio.
+pub(super) fn stands_out(over_scatter: f64, context: &Context<'_>) -> bool {
     let nu = gear::N_BLOCKS as f64 - 1.0;
-    let over = h.checked_sub(1).and_then(|i| reading.mesh_over_scatter.get(i)).copied().flatten();
-    // Parts of the record that do not differ at all hold no noise.
-    over.is_none_or(|z| confidence::cell_tail(z, nu) <= context.false_alarm_probability)
+    confidence::cell_tail(over_scatter, nu) <= context.false_alarm_probability
 }
 
 /// Whether the feature `name` is the local amplitude of this reading.

@@ -136,4 +136,6 @@ fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
+mod gear_tests;
+#[cfg(test)]
 mod run_tests;
