@@ -27,7 +27,8 @@ use crate::dsp::split::Split;
 pub enum Accuracy {
     /// All that f64 can see: 8.6 standard deviations, 1e-16.
     Reference,
-    /// Errors up to 3e-7 of the largest coefficient, rounding of f32 included: 5.6 standard deviations.
+    /// Errors up to 4e-7 of the largest coefficient, rounding of f32 included (half of it, and not the same with every
+    /// set of vector instructions): 5.6 standard deviations.
     Fine,
     /// Errors up to 1e-3 of the largest coefficient: 3.72 standard deviations.
     Coarse,
@@ -322,7 +323,7 @@ mod tests {
             for rate in [Rate::Decimated, Rate::Full] {
                 let fine = settings(Accuracy::Fine, rate);
                 let single = error::<f32>(x, &f_hz, &fine);
-                assert!(single < 3e-7, "the stated bound: {single:e}");
+                assert!(single < 4e-7, "the stated bound: {single:e}");
                 let double = error::<f64>(x, &f_hz, &settings(Accuracy::Reference, rate));
                 // Rounding of two transforms, and of the phases of the reference, 1e-13 cycles.
                 assert!(double < 1e-12, "{double:e}");

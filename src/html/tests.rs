@@ -7,6 +7,7 @@ use crate::diagnosis::verdict::Coverage;
 use crate::diagnosis::verdict::DataQuality;
 use crate::diagnosis::verdict::Evidence;
 use crate::diagnosis::verdict::OperatingState;
+use crate::dsp::reference::gaussian_noise;
 use crate::machine::file;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
@@ -47,14 +48,16 @@ axis_deg = 90.0
 const FS_HZ: f64 = 8000.0;
 const LINE_HZ: f64 = 108.3;
 
-/// A carrier of 1 kHz whose strength swings at the line's rate, beside a steady one of 3 kHz.
+/// A carrier of 1 kHz whose strength swings at the line's rate, beside a steady one of 3 kHz, and noise: without it the
+/// line would be held against rounding, which is another on another computer.
 fn track(name: &str, phase: f64) -> Track {
+    let noise = gaussian_noise(16_000, 1);
     let turn = |f_hz: f64, i: u32| std::f64::consts::TAU * f_hz * f64::from(i) / FS_HZ + phase;
     let value = |i: u32| {
         (1.0 + 0.8 * turn(LINE_HZ, i).cos()) * turn(1000.0, i).cos() + turn(3000.0, i).cos()
     };
     #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
-    let samples = (0..16_000).map(|i| value(i) as f32).collect();
+    let samples = (0..16_000).zip(noise).map(|(i, e)| (value(i) + 0.01 * e) as f32).collect();
     let info = ChannelInfo {
         name: name.to_owned(),
         sample_rate: Hz(FS_HZ),
