@@ -22,10 +22,27 @@ pub fn cell_tail(power_ratio: f64, floor_dof: f64) -> f64 {
     (-floor_dof * (power_ratio.max(0.0) / floor_dof).ln_1p()).exp()
 }
 
-/// Probability that noise exceeds a harmonic's reading anywhere in the cells searched (C2).
+/// Probability that noise exceeds a harmonic's reading anywhere in what was searched (C2).
 #[must_use]
 pub fn harmonic_tail(harmonic: &Harmonic) -> f64 {
-    (harmonic.n_cells * cell_tail(harmonic.power_ratio, harmonic.floor_dof)).min(1.0)
+    let Harmonic { power_ratio, floor_dof, .. } = *harmonic;
+    (cells(harmonic, power_ratio) * cell_tail(power_ratio, floor_dof)).min(1.0)
+}
+
+/// Cells that the search for a harmonic costs at a power ratio, which a floor that is estimated too low exceeds most easily.
+fn cells(harmonic: &Harmonic, power_ratio: f64) -> f64 {
+    harmonic.searched.cells(power_ratio / (1.0 + power_ratio / harmonic.floor_dof))
+}
+
+/// Power ratio that noise exceeds with probability `p` in what was searched for this harmonic: C2 solved by repeated
+/// insertion, for the cells change slowly with it.
+#[must_use]
+pub fn power_ratio_at(harmonic: &Harmonic, p: f64) -> f64 {
+    let dof = harmonic.floor_dof;
+    (0..8).fold(harmonic.power_ratio, |z, _| {
+        let per_cell = p / cells(harmonic, z).max(f64::MIN_POSITIVE);
+        (dof * (per_cell.powf(-1.0 / dof) - 1.0)).max(1.0)
+    })
 }
 
 /// Probability of a band's reading under noise (C3): the fundamental *and* at least one of the
@@ -68,6 +85,7 @@ pub fn normal_tail(z: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::features::bands::Band;
+    use crate::features::bearing::Searched;
     use crate::units::Hz;
     use proptest::prelude::*;
 
@@ -87,15 +105,28 @@ mod tests {
 
     #[test]
     fn a_wider_search_makes_the_same_line_less_probable_to_be_none() {
-        let reading = |n_cells: f64| {
-            let fundamental = Harmonic { power_ratio: 25.0, depth: 0.3, floor_dof: 100.0, n_cells };
-            let second = Harmonic { n_cells: 3.0, ..fundamental };
+        let reading = |bins: f64| {
+            let searched = Searched::peaks(bins);
+            let fundamental =
+                Harmonic { power_ratio: 25.0, depth: 0.3, floor_dof: 100.0, searched };
+            let second = Harmonic { searched: Searched::largest(3.0, 1.0), ..fundamental };
             let band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
             BandReading::of_test(band, Hz(100.0), &[fundamental, second])
         };
-        // 32 cells for slip alone, 72 with 2 % of geometry: the price is the ratio of the cells.
-        let (exact, wide) = (band_probability(&reading(32.0)), band_probability(&reading(72.0)));
-        assert!((wide / exact - 72.0 / 32.0).abs() < 0.01, "{exact:e} {wide:e}");
+        // 60 bins for slip alone, 140 with 2 % of geometry: the price is the ratio of the bins.
+        let (exact, wide) = (band_probability(&reading(60.0)), band_probability(&reading(140.0)));
+        assert!((wide / exact - 140.0 / 60.0).abs() < 0.01, "{exact:e} {wide:e}");
+    }
+
+    #[test]
+    fn the_power_ratio_of_a_probability_has_it() {
+        for floor_dof in [15.0, 300.0] {
+            let searched = Searched::peaks(60.0);
+            let read = Harmonic { power_ratio: 3.0, depth: 0.3, floor_dof, searched };
+            let power_ratio = power_ratio_at(&read, 1e-4);
+            let found = harmonic_tail(&Harmonic { power_ratio, ..read });
+            assert!((found / 1e-4 - 1.0).abs() < 1e-3, "{found:e} at {power_ratio}");
+        }
     }
 
     #[test]

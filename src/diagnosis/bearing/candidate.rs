@@ -46,6 +46,8 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
+    /// Bands that show it at the probability at which a line counts as there.
+    n_noted: usize,
     /// False-alarm probability if most bands must show it, paid for the other way.
     broad_probability: f64,
     /// The same if a quarter of them must.
@@ -139,6 +141,12 @@ impl<'a> Candidate<'a> {
         if self.n_bands == 0 { 0.0 } else { self.n_showing as f64 / self.n_bands as f64 }
     }
 
+    /// Part of the bands in which something is there at this rate: noise gets so far in 3 of a million (C3 asks for two lines),
+    /// so that it is no sign of health, though too little to accuse.
+    pub(super) fn noted_part(&self) -> f64 {
+        if self.n_bands == 0 { 0.0 } else { self.n_noted as f64 / self.n_bands as f64 }
+    }
+
     /// Power the line carries above the lowest band, or in it if nowhere else: what decides who hears it
     /// best. High frequencies die out on their way, low ones shake the whole machine.
     pub(super) fn line_power(&self) -> f64 {
@@ -186,6 +194,8 @@ impl<'a> Candidate<'a> {
             .collect();
         let stands = |r: &BandReading| confidence::band_probability(r) <= BAND_PROBABILITY;
         let shows = |r: &BandReading| own(r) && stands(r);
+        let noted = probabilities.iter().filter(|p| **p <= confidence::FALSE_ALARM_PROBABILITY);
+        let n_noted = noted.count();
         let mut showing: Vec<&BandReading> = readings.iter().filter(|r| shows(r)).collect();
         showing.sort_by(|a, b| b.total_depth().total_cmp(&a.total_depth()));
         let quarter = readings.len().div_ceil(4).max(1);
@@ -197,6 +207,7 @@ impl<'a> Candidate<'a> {
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
+            n_noted,
             broad_probability: paid(MOST),
             narrow_probability: paid(A_QUARTER),
             best: showing.first().map(|r| (*r).clone()),
@@ -310,6 +321,7 @@ mod tests {
     use super::*;
     use crate::features::bands::Band;
     use crate::features::bearing::Harmonic;
+    use crate::features::bearing::Searched;
     use crate::machine::BearingIndex;
     use crate::machine::uncertainty::RelativeBand;
     use crate::signal::ChannelIndex;
@@ -318,7 +330,8 @@ mod tests {
     fn search(line: DefectLine, n_deep: u32, depth: f64) -> LineSearch {
         let reading = |i: u32| {
             let (power_ratio, depth) = if i < n_deep { (900.0, depth) } else { (1.0, 0.01) };
-            let harmonic = Harmonic { power_ratio, depth, floor_dof: 100.0, n_cells: 40.0 };
+            let harmonic =
+                Harmonic { power_ratio, depth, floor_dof: 100.0, searched: Searched::peaks(60.0) };
             let band = Band { low: Hz(0.0), high: Hz(5e3), whitened: false };
             BandReading::of_test(band, Hz(150.0), &[harmonic; 2])
         };

@@ -321,9 +321,10 @@ pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String 
     )
 }
 
-/// Lines of two elements in one channel, each in a quarter of the bands, none of effect.
+/// Lines of two elements in one channel, each in more than a quarter of the bands, none of effect (C9).
 fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
-    let notable = |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.part() >= AMBIGUOUS_PART;
+    let notable =
+        |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.noted_part() >= AMBIGUOUS_PART;
     let found: Vec<&Candidate<'_>> = candidates.iter().filter(notable).collect();
     let channel = found.iter().map(|c| c.search.channel).find(|channel| {
         found

@@ -18,6 +18,7 @@ use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
+use crate::features::bearing::Searched;
 use crate::features::shaft;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
@@ -40,7 +41,7 @@ const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
     [[sensor]]\nchannel='p'\nkind='proximitor'\nunit='um'\nat={shaft='s'}\n";
 
 fn harmonic(depth: f64) -> Harmonic {
-    Harmonic { power_ratio: 900.0, depth, floor_dof: 100.0, n_cells: 40.0 }
+    Harmonic { power_ratio: 900.0, depth, floor_dof: 100.0, searched: Searched::peaks(60.0) }
 }
 
 /// A line at 150 Hz in four equal bands, each with two harmonics of this depth, heard at the bearing's own sensor.

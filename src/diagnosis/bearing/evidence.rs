@@ -69,10 +69,8 @@ fn absolute_evidence(line: &AbsoluteLine, context: &Context<'_>) -> Evidence {
     let (x, y) = line.pair;
     let tail = line.reading.harmonics[0].map_or(1.0, |h| confidence::harmonic_tail(&h));
     // Power ratio at which one search of this width reaches the declared probability.
-    let z = line.reading.harmonics[0].map_or(0.0, |h| {
-        let per_cell = context.false_alarm_probability / h.n_cells;
-        h.floor_dof * (per_cell.powf(-1.0 / h.floor_dof) - 1.0)
-    });
+    let z = line.reading.harmonics[0]
+        .map_or(0.0, |h| confidence::power_ratio_at(&h, context.false_alarm_probability));
     Evidence {
         indicator: format!("absolute_vibration_{}", line.line.slug()),
         channel: format!("{}+{}", context.channel_name(x), context.channel_name(y)),

@@ -113,8 +113,44 @@ pub struct Harmonic {
     pub depth: f64,
     /// Independent spectral estimates the floor rests on.
     pub floor_dof: f64,
-    /// Cells of the spectrum the maximum was taken over.
-    pub n_cells: f64,
+    /// What the maximum was taken over.
+    pub searched: Searched,
+}
+
+/// Which bins of a spectrum padded twice a maximum was taken over (F5): what a search costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Searched {
+    /// Bins, half a step of 1/T apart, that nothing else covers.
+    pub bins: f64,
+    /// Runs of bins that were taken as they are, whether local maxima or not: at its ends a run may hold the skirt of
+    /// what lies outside. 0 where only local maxima count.
+    pub runs: f64,
+}
+
+/// √((1 − r)/(1 + r)) of the amplitudes of noise, Hann window, in bins half a step apart: r = (S(½))/(S(0)) = 0.9054, S the
+/// transform of the squared window.
+const HALF_STEP: f64 = 0.2228;
+
+impl Searched {
+    /// Local maxima among so many bins.
+    #[must_use]
+    pub const fn peaks(bins: f64) -> Self {
+        Self { bins, runs: 0.0 }
+    }
+
+    /// The largest of so many bins in so many runs.
+    #[must_use]
+    pub const fn largest(bins: f64, runs: f64) -> Self {
+        Self { bins, runs }
+    }
+
+    /// Independent cells the search is worth at a power ratio (F5): the peaks of noise get narrower with their height, so more
+    /// of them find room. `power_ratio` over the floor that is known to be there.
+    #[must_use]
+    pub fn cells(&self, power_ratio: f64) -> f64 {
+        let apart = libm::erf(HALF_STEP * power_ratio.max(0.0).sqrt());
+        self.bins * apart + self.runs * (1.0 - apart)
+    }
 }
 
 /// A line as read in one band.

@@ -10,14 +10,19 @@ use super::Harmonic;
 use super::KnownLine;
 use super::LineTask;
 use super::N_HARMONICS;
+use super::Searched;
 use super::carrier;
 use super::searched_range;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::units::Hz;
 
-/// Independent spectral cells a hertz of a Hann-windowed record of T seconds: T/1.5.
-const HANN_ENBW: f64 = 1.5;
+/// So many bins are worth one independent power: the median of n exponential powers, Hann window, padded twice, scatters like
+/// a mean of n/6.2 (F7).
+const BINS_A_DEGREE: f64 = 6.2;
+
+/// Bins to either side of a line that its lobe reaches, in a spectrum padded twice: they are no floor.
+const LOBE_BINS: usize = 4;
 
 /// A harmonic takes part in the frequency estimate when its power ratio exceeds this: at 12 a noise
 /// cell does so once in 160 000.
@@ -43,24 +48,21 @@ pub fn read_line(
     let first = bin_at(low.0, spectrum.bin_hz);
     let last = bin_at(high.0, spectrum.bin_hz);
     let found = strongest_line(spectrum, task, first, last)?;
-    let n_cells = searched_cells(first, last, spectrum);
+    let searched = Searched::peaks(n_open(spectrum, task, first, last));
     let mut harmonics = [None; N_HARMONICS];
-    harmonics[0] = measure(spectrum, task, found, n_cells, scratch);
+    harmonics[0] = measure(spectrum, task, found, searched, scratch);
     let fundamental = harmonics[0]?;
     let mut sums = (found as f64, 1.0);
     for (i, slot) in harmonics.iter_mut().enumerate().skip(1) {
         let h = i + 1;
         let centre = (sums.0 / sums.1 * h as f64).round();
         let reach = h.div_ceil(2);
-        let Some(at) = strongest(
-            spectrum,
-            task,
-            floor_index(centre).saturating_sub(reach),
-            floor_index(centre) + reach,
-        ) else {
+        let (low, high) = (floor_index(centre).saturating_sub(reach), floor_index(centre) + reach);
+        let Some(at) = strongest(spectrum, task, low, high) else {
             continue;
         };
-        *slot = measure(spectrum, task, at, 2.0 + reach as f64, scratch);
+        let searched = Searched::largest(n_open(spectrum, task, low, high), 1.0);
+        *slot = measure(spectrum, task, at, searched, scratch);
         if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT)
             && fundamental.power_ratio > STANDS_OUT
         {
@@ -87,10 +89,21 @@ pub fn read_line(
     })
 }
 
-/// Cells a maximum over the bins `first..=last` costs: one for each resolution step 1/T and one for
-/// each end. Hann cells are 1.5 steps wide, but a padded grid finds the maximum between them too.
-fn searched_cells(first: usize, last: usize, spectrum: &DepthSpectrum<'_>) -> f64 {
-    (last - first) as f64 * spectrum.bin_hz * spectrum.duration_s + 2.0
+/// Bins among `first..=last` that lie in the spectrum and that no known line covers.
+fn n_open(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, first: usize, last: usize) -> f64 {
+    open_bins(spectrum, task, first, last).count() as f64
+}
+
+/// Those bins.
+fn open_bins<'a>(
+    spectrum: &'a DepthSpectrum<'_>,
+    task: &'a LineTask<'_>,
+    first: usize,
+    last: usize,
+) -> impl Iterator<Item = usize> + 'a {
+    (first.max(2)..=last).filter(|k| *k < spectrum.depth.len()).filter(|k| {
+        coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none()
+    })
 }
 
 /// Whether a line of the race at rest or of a rolling element has higher side bands at the shaft's speed than full
@@ -123,7 +136,7 @@ fn side_band(
         .filter_map(|sign| {
             let centre = bin_at(frequency_hz + sign * spacing.0, spectrum.bin_hz);
             let at = strongest(spectrum, task, centre.saturating_sub(1), centre + 1)?;
-            measure(spectrum, task, at, 4.0, scratch)
+            measure(spectrum, task, at, Searched::largest(6.0, 2.0), scratch)
         })
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
 }
@@ -174,7 +187,9 @@ fn slower_rate(
         let slower_hz = place * spectrum.bin_hz;
         let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;
         let is_equal = is_multiple && height >= EQUAL_HEIGHT * fundamental.depth;
-        let found = measure(spectrum, task, at, 3.0, scratch).filter(|_| is_equal)?;
+        let bins = 2.0 * reach as f64 + 1.0;
+        let found =
+            measure(spectrum, task, at, Searched::peaks(bins), scratch).filter(|_| is_equal)?;
         (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
     })
 }
@@ -258,11 +273,8 @@ fn strongest_line(
     last: usize,
 ) -> Option<usize> {
     let depth = spectrum.depth;
-    (first.max(2)..=last.min(depth.len().saturating_sub(2)))
+    open_bins(spectrum, task, first, last.min(depth.len().saturating_sub(2)))
         .filter(|k| depth[*k] >= depth[*k - 1] && depth[*k] >= depth[*k + 1])
-        .filter(|k| {
-            coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none()
-        })
         .max_by(|a, b| depth[*a].total_cmp(&depth[*b]))
 }
 
@@ -273,21 +285,17 @@ fn strongest(
     first: usize,
     last: usize,
 ) -> Option<usize> {
-    (first.max(2)..=last)
-        .filter(|k| *k < spectrum.depth.len())
-        .filter(|k| {
-            coinciding(Hz(*k as f64 * spectrum.bin_hz), task.known, task.resolution).is_none()
-        })
+    open_bins(spectrum, task, first, last)
         .max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]))
 }
 
-/// Reads bin `at` against the median of its neighbourhood; for exponential noise powers the mean is
-/// median/ln 2.
+/// Reads bin `at` against the median of its neighbourhood without its own lobe; for exponential noise powers the mean is
+/// median/ln 2 (F7).
 fn measure(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
     at: usize,
-    n_cells: f64,
+    searched: Searched,
     scratch: &mut Vec<f32>,
 ) -> Option<Harmonic> {
     let half = floor_index(task.floor_half_width.0 / spectrum.bin_hz).max(8);
@@ -297,20 +305,20 @@ fn measure(
         return None;
     }
     scratch.clear();
-    scratch.extend_from_slice(&spectrum.depth[low..=high]);
+    scratch.extend_from_slice(&spectrum.depth[low..at.saturating_sub(LOBE_BINS).max(low)]);
+    scratch.extend_from_slice(&spectrum.depth[(at + LOBE_BINS + 1).min(high + 1)..high + 1]);
+    let n_around = scratch.len() as f64;
     let median = f64::from(stats::median(scratch)?);
     let floor_power = median * median / std::f64::consts::LN_2;
     let bin_height = f64::from(spectrum.depth[at]);
     if floor_power <= 0.0 {
         return None;
     }
-    // Half of the independent cells: what a median is worth against a mean for exponential powers.
-    let cells = (high - low + 1) as f64 * spectrum.bin_hz * spectrum.duration_s / HANN_ENBW;
     Some(Harmonic {
         power_ratio: bin_height * bin_height / floor_power,
         depth: peak_height(spectrum.depth, at),
-        floor_dof: (cells / 2.0).max(1.0),
-        n_cells,
+        floor_dof: (n_around / BINS_A_DEGREE).max(1.0),
+        searched,
     })
 }
 

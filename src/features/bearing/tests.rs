@@ -127,9 +127,9 @@ fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
     let wide = read(RelativeBand { low: -0.02, high: 0.02 });
     assert!((wide.frequency.0 - 97.0).abs() < 0.05, "one bin of the grid");
     assert!((exact.frequency.0 - 97.0).abs() > 0.5, "outside of what slip explains");
-    let cells = |reading: &BandReading| reading.harmonics[0].unwrap().n_cells;
+    let bins = |reading: &BandReading| reading.harmonics[0].unwrap().searched.bins;
     // −2…+1 % of 100 Hz in 10 s are 30 steps; −3.96…+3.02 % are 70.
-    assert!((cells(&exact) - 32.0).abs() < 0.6 && (cells(&wide) - 71.8).abs() < 0.6);
+    assert!((bins(&exact) - 61.0).abs() < 1.1 && (bins(&wide) - 140.6).abs() < 1.1);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::bands::Band;
 use crate::features::bearing::Harmonic;
+use crate::features::bearing::Searched;
 use crate::features::speed::Speed;
 use crate::machine::BearingIndex;
 use crate::machine::file;
@@ -24,7 +25,7 @@ const WIDE: RelativeBand = RelativeBand { low: -0.1, high: 0.1 };
 type Line = (&'static str, DefectLine, f64, RelativeBand, bool);
 
 fn harmonic(power_ratio: f64) -> Harmonic {
-    Harmonic { power_ratio, depth: 0.6, floor_dof: 100.0, n_cells: 40.0 }
+    Harmonic { power_ratio, depth: 0.6, floor_dof: 100.0, searched: Searched::peaks(60.0) }
 }
 
 /// A search that found the line of order 5 by a shaft of 30 Hz in four bands, if it is near.
