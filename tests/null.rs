@@ -81,6 +81,15 @@ enum Kind {
 const KINDS: [Kind; 5] = [Kind::White, Kind::Pink, Kind::Impacts, Kind::Tones, Kind::Knocks];
 
 impl Kind {
+    /// How much oftener than nominal a fundamental may undercut a level in the mean. The lowest band of pink noise has
+    /// most of its power in its first octave: so few degrees of freedom that cells are not quite exponential (1.09 counted).
+    const fn slack(self) -> f64 {
+        match self {
+            Self::Pink => 1.15,
+            Self::White | Self::Impacts | Self::Tones | Self::Knocks => 1.0,
+        }
+    }
+
     /// One channel of `n` samples, m/s².
     fn channel(self, n: usize, random: &mut Pcg64Mcg) -> Vec<f32> {
         let mut x: Vec<f64> = (0..n).map(|_| gaussian(random)).collect();
@@ -119,17 +128,6 @@ impl Kind {
         }
         #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
         x.iter().map(|v| *v as f32).collect()
-    }
-}
-
-impl Kind {
-    /// How much oftener than nominal a fundamental may undercut a level in the mean. The lowest band of pink noise has
-    /// most of its power in its first octave: so few degrees of freedom that cells are not quite exponential (1.09 counted).
-    const fn slack(self) -> f64 {
-        match self {
-            Self::Pink => 1.15,
-            Self::White | Self::Impacts | Self::Tones | Self::Knocks => 1.0,
-        }
     }
 }
 

@@ -5,6 +5,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::Usual;
 use crate::diagnosis::bearing::judge;
+use crate::diagnosis::confidence;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
@@ -307,4 +308,28 @@ fn a_tone_modulated_ten_times_as_strongly_leaves_a_line_of_the_race_at_rest_open
     assert!(open.why.contains("a tone of the machine is modulated"), "{}", open.why);
     // No sound element passes at the rate of the race that turns.
     assert_eq!(beside(DefectLine::Bpfi, 11.0).fault, Some(FaultMode::InnerRace));
+}
+
+#[test]
+fn weak_lines_of_two_elements_leave_a_bearing_open_and_noise_does_not() {
+    // One band of four shows each line beyond doubt; in a second one it has this probability.
+    let beside = |p: f64| {
+        let own = |line| {
+            changed(search(0, line, 0.2), |reading| {
+                let at = |h: &Harmonic, p: f64| confidence::power_ratio_at(h, p);
+                for h in reading.harmonics.iter_mut().flatten() {
+                    h.power_ratio = match reading.band.low.0 {
+                        low if low < 0.5e3 => h.power_ratio,
+                        low if low < 1.5e3 => at(h, p),
+                        _ => 1.0,
+                    };
+                }
+            })
+        };
+        judged(vec![own(DefectLine::Bpfi), own(DefectLine::Bpfo)], Vec::new()).remove(0)
+    };
+    let open = beside(0.9e-3);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("weak lines of several elements"), "{}", open.why);
+    assert_eq!(beside(1.1e-3).state, State::Healthy);
 }

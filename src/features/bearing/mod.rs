@@ -127,7 +127,7 @@ pub struct Searched {
     pub runs: f64,
 }
 
-/// √((1 − r)/(1 + r)) of the amplitudes of noise, Hann window, in bins half a step apart: r = (S(½))/(S(0)) = 0.9054, S the
+/// √((1 − r)/(1 + r)) of the amplitudes of noise, Hann window, in bins half a step apart: r = S(½)/S(0) = 0.9054, S the
 /// transform of the squared window.
 const HALF_STEP: f64 = 0.2228;
 

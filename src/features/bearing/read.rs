@@ -47,8 +47,7 @@ pub fn read_line(
     let (low, high) = searched_range(task.line, task.expected, task.band);
     let first = bin_at(low.0, spectrum.bin_hz);
     let last = bin_at(high.0, spectrum.bin_hz);
-    let found = strongest_line(spectrum, task, first, last)?;
-    let searched = Searched::peaks(n_open(spectrum, task, first, last));
+    let (found, searched) = strongest_line(spectrum, task, first, last)?;
     let mut harmonics = [None; N_HARMONICS];
     harmonics[0] = measure(spectrum, task, found, searched, scratch);
     let fundamental = harmonics[0]?;
@@ -58,10 +57,9 @@ pub fn read_line(
         let centre = (sums.0 / sums.1 * h as f64).round();
         let reach = h.div_ceil(2);
         let (low, high) = (floor_index(centre).saturating_sub(reach), floor_index(centre) + reach);
-        let Some(at) = strongest(spectrum, task, low, high) else {
+        let Some((at, searched)) = strongest(spectrum, task, low, high) else {
             continue;
         };
-        let searched = Searched::largest(n_open(spectrum, task, low, high), 1.0);
         *slot = measure(spectrum, task, at, searched, scratch);
         if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT)
             && fundamental.power_ratio > STANDS_OUT
@@ -90,11 +88,6 @@ pub fn read_line(
 }
 
 /// Bins among `first..=last` that lie in the spectrum and that no known line covers.
-fn n_open(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, first: usize, last: usize) -> f64 {
-    open_bins(spectrum, task, first, last).count() as f64
-}
-
-/// Those bins.
 fn open_bins<'a>(
     spectrum: &'a DepthSpectrum<'_>,
     task: &'a LineTask<'_>,
@@ -135,7 +128,8 @@ fn side_band(
         .iter()
         .filter_map(|sign| {
             let centre = bin_at(frequency_hz + sign * spacing.0, spectrum.bin_hz);
-            let at = strongest(spectrum, task, centre.saturating_sub(1), centre + 1)?;
+            let (at, _) = strongest(spectrum, task, centre.saturating_sub(1), centre + 1)?;
+            // Three bins at either place, and the stronger counts.
             measure(spectrum, task, at, Searched::largest(6.0, 2.0), scratch)
         })
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
@@ -264,29 +258,35 @@ fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> f64 {
     highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
 }
 
-/// Strongest local maximum of `first..=last` that no known line covers: what rises towards a bin
+/// Strongest local maximum of `first..=last` that no known line covers, and what it was searched in: what rises towards a bin
 /// beside it is the skirt of a line there.
 fn strongest_line(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
     first: usize,
     last: usize,
-) -> Option<usize> {
+) -> Option<(usize, Searched)> {
     let depth = spectrum.depth;
-    open_bins(spectrum, task, first, last.min(depth.len().saturating_sub(2)))
+    let mut bins = 0.0;
+    let at = open_bins(spectrum, task, first, last.min(depth.len().saturating_sub(2)))
+        .inspect(|_| bins += 1.0)
         .filter(|k| depth[*k] >= depth[*k - 1] && depth[*k] >= depth[*k + 1])
-        .max_by(|a, b| depth[*a].total_cmp(&depth[*b]))
+        .max_by(|a, b| depth[*a].total_cmp(&depth[*b]))?;
+    Some((at, Searched::peaks(bins)))
 }
 
-/// Strongest bin of `first..=last` that no known line covers.
+/// Strongest bin of `first..=last` that no known line covers, and what it was searched in.
 fn strongest(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
     first: usize,
     last: usize,
-) -> Option<usize> {
-    open_bins(spectrum, task, first, last)
-        .max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]))
+) -> Option<(usize, Searched)> {
+    let mut bins = 0.0;
+    let at = open_bins(spectrum, task, first, last)
+        .inspect(|_| bins += 1.0)
+        .max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]))?;
+    Some((at, Searched::largest(bins, 1.0)))
 }
 
 /// Reads bin `at` against the median of its neighbourhood without its own lobe; for exponential noise powers the mean is

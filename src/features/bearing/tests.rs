@@ -252,3 +252,28 @@ fn the_skirt_of_a_covered_line_is_no_line() {
     let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
     assert!((reading.frequency.0 - 100.4).abs() < 0.05, "{}", reading.frequency.0);
 }
+
+#[test]
+fn peaks_of_noise_are_worth_what_the_joint_distribution_of_neighbours_says() {
+    // Powers of two correlated complex normals: with K geometric, P(K = k) = (1 − ρ)·ρ^k, both are Gamma(k + 1) of scale 1 − ρ, on
+    // their own (W. F. Kibble 1941); ρ = r², r of Hann half a step apart.
+    let rho = 0.905_415_f64.powi(2);
+    let both_above = |z: f64| -> f64 {
+        let t = z / (1.0 - rho);
+        let (mut term, mut tail, mut sum) = ((-t).exp(), (-t).exp(), 0.0);
+        for k in 0..2000 {
+            sum += (1.0 - rho) * rho.powi(k) * tail.min(1.0).powi(2);
+            term *= t / f64::from(k + 1);
+            tail += term;
+        }
+        sum
+    };
+    for z in [4.0, 7.0, 10.0, 14.0, 20.0] {
+        let apart = 1.0 - both_above(z) * z.exp();
+        let cells = Searched::peaks(1.0).cells(z);
+        assert!((cells / apart - 1.0).abs() < 0.004, "z = {z}: {cells} for {apart}");
+    }
+    // Bins of one run, at a power that all or none reach.
+    let run = Searched::largest(5.0, 1.0);
+    assert!((run.cells(0.0) - 1.0).abs() < 1e-12 && (run.cells(1e4) - 5.0).abs() < 1e-6);
+}
