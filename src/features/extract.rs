@@ -8,6 +8,8 @@ use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
 use super::bands;
+use super::comb;
+use super::comb::Comb;
 use super::following;
 use super::gear;
 use super::limit;
@@ -118,7 +120,7 @@ impl Extractor {
         speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
             | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
-        let (mut absolute_lines, mut pieces) = (Vec::new(), Vec::new());
+        let (mut absolute_lines, mut combs, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
         let mut elsewhere = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
@@ -140,6 +142,8 @@ impl Extractor {
                 elsewhere.iter_mut().zip(others).for_each(|(at, lines)| at.lines.extend(lines));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
+            combs = comb::read(&machine, first, &traces.iter().chain(&cut).collect::<Vec<_>>());
+            keep_combs(&machine, &combs, &mut traces);
             for trace in &traces {
                 let info = &self.channels[trace.channel.0];
                 let run = (info.sample_rate, info.unit);
@@ -172,6 +176,7 @@ impl Extractor {
             bearing_lines,
             elsewhere,
             absolute_lines,
+            combs,
             gears,
             pieces,
             laws: Vec::new(),
@@ -341,6 +346,17 @@ impl Extractor {
             traces[ix].features.extend(extra);
         }
         found
+    }
+}
+
+/// Adds the combs to the features of the pairs' first channels.
+fn keep_combs(machine: &Machine, combs: &[Comb], traces: &mut [Trace<'_>]) {
+    for comb in combs {
+        if let Some(x) = traces.iter_mut().find(|t| t.channel == comb.pair.0) {
+            let name = comb::feature_name(comb.line, &machine.bearing(comb.bearing).id);
+            let (name, value) = (Arc::from(name), comb.part.sqrt());
+            x.features.push(Feature { name, value, unit: Unit::One });
+        }
     }
 }
 

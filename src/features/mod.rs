@@ -22,6 +22,7 @@ pub mod reach;
 mod targets;
 pub mod lines;
 pub mod absolute;
+pub mod comb;
 pub mod gear;
 pub mod limit;
 pub mod orbit;
@@ -123,6 +124,8 @@ pub struct WindowFeatures {
     pub elsewhere: Vec<Elsewhere>,
     /// Absolute-vibration lines of x/y pairs.
     pub absolute_lines: Vec<absolute::AbsoluteLine>,
+    /// Combs of the acceleration of x/y pairs at the rates of races that turn.
+    pub combs: Vec<comb::Comb>,
     /// Synchronous averages at gears.
     pub gears: Vec<gear::GearReading>,
     /// Vectors of 1× of the probes, a piece of the window each.

@@ -81,7 +81,7 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
         let turning = DefectLine::of_turning_race(described.rotating_ring);
         let at_rest = DefectLine::of_race_at_rest(described.rotating_ring);
         targets.extend(DefectLine::ALL.into_iter().map(|line| {
-            let expected = rate_of(line, &rates);
+            let expected = line.rate_of(&rates);
             let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
             let band = line.band_of(&bands);
             let known = known_lines(machine, Hz(expected.0 * (1.0 + band.high)), (window, first));
@@ -161,22 +161,12 @@ impl Target {
     }
 }
 
-/// Kinematic rate of a line, without sign.
-fn rate_of(line: DefectLine, rates: &FaultRates) -> Hz {
-    match line {
-        DefectLine::Bpfi => rates.bpfi,
-        DefectLine::Bpfo => rates.bpfo,
-        DefectLine::TwoBsf => rates.two_bsf(),
-        DefectLine::Ftf => Hz(rates.ftf.0.abs()),
-    }
-}
-
 /// The line whose searched range meets that of `line` because of the geometry's limits, if any.
 /// Lines that slip alone brings together at a geometry known well are searched; their side bands tell.
 fn rival(line: DefectLine, rates: &FaultRates, bands: &OrderBands) -> Option<DefectLine> {
     let exact = OrderBands::default();
     let range = |line: DefectLine, bands: &OrderBands| {
-        reach::searched_range(line, rate_of(line, rates), line.band_of(bands))
+        reach::searched_range(line, line.rate_of(rates), line.band_of(bands))
     };
     let meet = |other: DefectLine, bands: &OrderBands| {
         let ((low, high), (other_low, other_high)) = (range(line, bands), range(other, bands));

@@ -315,3 +315,38 @@ fn scene_text(setting: &Setting) -> Option<String> {
 fn table<'t>(scene: &'t mut Table, key: &str) -> Option<&'t mut Table> {
     scene.get_mut(key)?.as_table_mut()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnosis::fault::State;
+
+    /// The comb's lead and what is said of both bearings.
+    fn beside_a_bow(bearing: Option<u8>, twin: &Rig) -> [(f64, State, Option<FaultMode>); 2] {
+        let bad = Bad { gear: false, shaft: true, bearing };
+        let setting = Setting { bad, ..twin.setting };
+        let trial = Rig::simulate(&setting).unwrap().trial("", None, Some(twin)).unwrap();
+        let diagnosis = trial.diagnose().unwrap().unwrap();
+        ["left", "right"].map(|id| {
+            let verdict = diagnosis.components.iter().find(|c| c.id == id).unwrap();
+            let comb = verdict.evidence.iter().find(|e| e.indicator == "comb_bpfi").unwrap();
+            (comb.value, verdict.state, verdict.fault)
+        })
+    }
+
+    #[test]
+    #[ignore = "three simulations of ten seconds: minutes in the dev profile"]
+    fn a_race_is_struck_beside_a_shaft_that_is_bent_far_and_a_sound_one_is_not() {
+        // At half the critical speed the accelerometers are at the ends of their range, and the shaft moves in thirteenths of a turn.
+        let (bad, speed) = (Bad::NOTHING, Hz(60.0));
+        let setting = Setting { bad, speed, clearance_um: 2.0, torque_nm: 1.0, seed: 3 };
+        let twin = Rig::healthy_twin(&setting).unwrap();
+        for (lead, state, _) in beside_a_bow(None, &twin) {
+            assert!(lead < 2.0 && !state.is_accusation(), "{lead} {state:?}");
+        }
+        let [left, right] = beside_a_bow(Some(2), &twin);
+        assert!(!left.1.is_accusation(), "{left:?}");
+        assert!(right.0 > 4.0, "{right:?}");
+        assert_eq!((right.1, right.2), (State::Warning, Some(FaultMode::InnerRace)));
+    }
+}

@@ -20,6 +20,8 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Searched;
+use crate::features::comb;
+use crate::features::comb::Comb;
 use crate::features::shaft;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
@@ -103,6 +105,16 @@ fn judged_on(
     lines: Vec<LineSearch>,
     absolute_lines: Vec<AbsoluteLine>,
 ) -> Vec<ComponentDiagnosis> {
+    judged_with(moved, lines, absolute_lines, Vec::new())
+}
+
+/// The same with combs in the acceleration.
+fn judged_with(
+    moved: f64,
+    lines: Vec<LineSearch>,
+    absolute_lines: Vec<AbsoluteLine>,
+    combs: Vec<Comb>,
+) -> Vec<ComponentDiagnosis> {
     let machine = file::parse(MACHINE, "m.toml").unwrap();
     let mut bearing_lines = lines;
     for bearing in 0..2 {
@@ -117,8 +129,13 @@ fn judged_on(
         (("a".to_owned(), absolute::line_name(line.line, id)), Usual::of_value(1.0))
     });
     let once = shaft::line_name(1, "s");
-    let usual: BTreeMap<_, _> =
-        healthy.chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))]).collect();
+    let usual_combs = ["a", "b"].map(|id| {
+        ((id.to_owned(), comb::feature_name(DefectLine::Bpfi, id)), Usual::of_value(0.01))
+    });
+    let usual: BTreeMap<_, _> = healthy
+        .chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))])
+        .chain(usual_combs)
+        .collect();
     let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
     let record = Record { name: "healthy".to_owned(), usual, n_windows: 1, ..Record::default() };
     let baseline = Baseline { records: vec![record], provisional: false };
@@ -140,6 +157,7 @@ fn judged_on(
         bearing_lines,
         elsewhere: Vec::new(),
         absolute_lines,
+        combs,
         gears: Vec::new(),
         load: None,
         pieces: Vec::new(),
@@ -332,4 +350,89 @@ fn weak_lines_of_two_elements_leave_a_bearing_open_and_noise_does_not() {
     assert_eq!(open.state, State::Undetermined, "{}", open.why);
     assert!(open.why.contains("weak lines of several elements"), "{}", open.why);
     assert_eq!(beside(1.1e-3).state, State::Healthy);
+}
+
+/// A comb at a bearing's BPFI that accuses: at a 400 times as loud as at b, and 14 times as much as when healthy.
+fn comb_at(bearing: usize) -> Comb {
+    let is_a = bearing == 0;
+    Comb {
+        bearing: BearingIndex(bearing),
+        pair: (ChannelIndex(bearing), ChannelIndex(bearing)),
+        line: DefectLine::Bpfi,
+        expected: Hz(162.5),
+        frequency: Hz(161.0),
+        lead: 9.0,
+        part: 0.02,
+        loudness: if is_a { 400.0 } else { 1.0 / 400.0 },
+        is_slower: false,
+        sample_range: (0, 1),
+    }
+}
+
+/// The verdict on bearing a by the combs of both.
+fn struck(combs: [Comb; 2]) -> ComponentDiagnosis {
+    judged_with(1.0, Vec::new(), Vec::new(), combs.to_vec()).remove(0)
+}
+
+#[test]
+fn a_comb_that_leads_and_has_grown_warns_where_it_is_loudest() {
+    let both = judged_with(1.0, Vec::new(), Vec::new(), vec![comb_at(0), comb_at(1)]);
+    let (a, b) = (&both[0], &both[1]);
+    assert_eq!((a.state, a.fault), (State::Warning, Some(FaultMode::InnerRace)), "{}", a.why);
+    assert!(a.why.contains("161.0 Hz") && a.why.contains("2.0 %"), "{}", a.why);
+    assert_eq!(b.state, State::Healthy, "{}", b.why);
+    let shown = a.evidence.iter().find(|e| e.indicator == "comb_bpfi").unwrap();
+    assert_eq!((shown.value, shown.threshold), (9.0, Some(4.0)));
+    // Each gate by itself.
+    let without = |change: fn(&mut Comb)| {
+        let mut own = comb_at(0);
+        change(&mut own);
+        struck([own, comb_at(1)]).state
+    };
+    assert_eq!(without(|c| c.lead = 3.9), State::Healthy);
+    assert_eq!(without(|c| c.part = 0.0024), State::Healthy, "4.9 times the healthy 0.01");
+    assert_eq!(without(|c| c.part = 0.0026), State::Warning);
+    assert_eq!(without(|c| c.is_slower = true), State::Healthy);
+    assert_eq!(without(|c| c.loudness = 3.9), State::Healthy);
+    // An equal bearing nobody listens to may be the one.
+    let unheard = judged_with(1.0, Vec::new(), Vec::new(), vec![comb_at(0)]).remove(0);
+    assert_eq!(unheard.state, State::Healthy, "{}", unheard.why);
+}
+
+#[test]
+fn strikes_grow_in_severity_and_remain_a_warning() {
+    let severity = |part: f64| struck([Comb { part, ..comb_at(0) }, comb_at(1)]).severity.unwrap();
+    let rising = [0.003, 0.01, 0.05, 0.5].map(severity);
+    assert!(rising.windows(2).all(|w| w[0] < w[1]), "{rising:?}");
+    assert!(rising.iter().all(|s| (0.25..0.5).contains(s)), "{rising:?}");
+}
+
+#[test]
+fn a_race_that_is_struck_is_told_from_one_that_a_moving_shaft_loads() {
+    let moving = |combs: Vec<Comb>| {
+        let grown = vec![absolute_line(0, DefectLine::Bpfi, 6.0)];
+        judged_with(20.0, Vec::new(), grown, combs).remove(0)
+    };
+    assert_eq!(moving(Vec::new()).state, State::Undetermined);
+    let told = moving(vec![comb_at(0), comb_at(1)]);
+    assert_eq!((told.state, told.fault), (State::Warning, Some(FaultMode::InnerRace)));
+}
+
+#[test]
+fn a_line_that_is_nobodys_in_the_envelope_does_not_hide_strikes_at_its_rate() {
+    // The case of a line heard best where the shaft's events explain it.
+    let lines = || {
+        let louder = changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
+            reading.mean_square = 5.0;
+            reading.shaft_depth = 1.5;
+        });
+        vec![search(0, DefectLine::Bpfi, 0.6), louder]
+    };
+    let of = |frequency: f64| {
+        let own = Comb { frequency: Hz(frequency), ..comb_at(0) };
+        judged_with(1.0, lines(), Vec::new(), vec![own, comb_at(1)]).remove(0)
+    };
+    assert_eq!(of(150.0).state, State::Warning, "{}", of(150.0).why);
+    // A side line of it explains them.
+    assert_eq!(of(180.0).state, State::Undetermined, "{}", of(180.0).why);
 }

@@ -2,6 +2,7 @@
 
 use super::accept::Accepted;
 use super::candidate::Candidate;
+use super::struck;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
 use crate::diagnosis::fault::Detector;
@@ -45,6 +46,8 @@ pub(super) fn evidence(
     };
     let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));
     found.extend(absolute.map(|l| absolute_evidence(l, context)));
+    let combs = features.combs.iter().filter(|c| c.bearing == bearing);
+    found.extend(combs.map(|c| struck::evidence(c, context)));
     found
 }
 

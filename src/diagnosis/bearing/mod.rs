@@ -11,6 +11,7 @@ mod doubt;
 mod evidence;
 mod grown;
 mod owner;
+mod struck;
 
 use super::Context;
 use super::confidence;
@@ -34,6 +35,7 @@ use candidate::Candidate;
 use doubt::Seen;
 use doubt::Sorted;
 use grown::Growth;
+use struck::Struck;
 
 /// Lines of several elements: the strongest must lead the next by this power ratio (6 dB).
 const LEAD_POWER_RATIO: f64 = 4.0;
@@ -74,8 +76,8 @@ fn reopen(
     }
     let speed = Speed { first: Some(other.first), ..features.speed.clone() };
     let bearing_lines = other.lines.clone();
-    let absolute_lines = Vec::new();
-    let there = WindowFeatures { speed, bearing_lines, absolute_lines, ..features.clone() };
+    let (absolute_lines, combs) = (Vec::new(), Vec::new());
+    let there = WindowFeatures { speed, bearing_lines, absolute_lines, combs, ..features.clone() };
     let accused = judge_all(&there, context, &accept::accept(&there));
     for (verdict, there) in verdicts.iter_mut().zip(accused) {
         if verdict.state == State::Healthy && there.state.is_accusation() {
@@ -118,6 +120,7 @@ fn judge_one(
     let mut sorted = doubt::sort(&candidates, &seen);
     let unsure = leave_unsure(&mut sorted, context);
     let Sorted { proven, shared, doubts } = sorted;
+    let grown = grown::strongest(bearing, features, context, accepted);
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
             accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
@@ -125,16 +128,17 @@ fn judge_one(
         (None, Some((first, others))) => {
             warn_of_shared(&mut verdict, first, others, features, context)
         }
-        (None, None) => match grown::strongest(bearing, features, context, accepted) {
-            Some(Growth::Proven(grown)) => {
+        (None, None) => match (grown, struck::strongest(bearing, features, context, accepted)) {
+            (Some(Growth::Proven(grown)), _) => {
                 accuse_by_growth(&mut verdict, &grown, features, context);
             }
-            Some(Growth::Beside(grown, other)) => {
+            (_, Some(struck)) => warn_of_strikes(&mut verdict, &struck, features, context),
+            (Some(Growth::Beside(grown, other)), None) => {
                 verdict.why = doubt::beside(&grown, other, context);
             }
-            Some(Growth::Carried(grown)) => verdict.why = doubt::loaded(&grown, context),
-            None if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
-            None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
+            (Some(Growth::Carried(grown)), None) => verdict.why = doubt::loaded(&grown, context),
+            (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
+            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
                 None => match sensor::all_cut(features, heard_in(&searches), context) {
                     Some(cut) => verdict.why = cut,
@@ -310,6 +314,21 @@ fn accuse_by_growth(
     let speed = 0.5 + 0.5 * features.speed.confidence;
     verdict.confidence = Some(0.85 * speed * (1.0 - grown.probability));
     verdict.why = grown.sentence(context);
+}
+
+/// Fills in a warning of a race that is struck more than when healthy.
+fn warn_of_strikes(
+    verdict: &mut ComponentDiagnosis,
+    struck: &Struck<'_>,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    let severity = struck::severity_of(struck);
+    verdict.state = severity::state(severity);
+    verdict.fault = Some(fault_of(struck.comb.line));
+    verdict.severity = Some(severity);
+    verdict.confidence = Some(0.85 * (0.5 + 0.5 * features.speed.confidence));
+    verdict.why = struck::sentence(struck, context);
 }
 
 /// Takes away what accuses, but not as surely as this decision asks; why the first of it does not accuse. It is

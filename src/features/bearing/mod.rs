@@ -12,6 +12,7 @@ mod read;
 use super::bands::Band;
 use super::reach::searched_range;
 use crate::machine::BearingIndex;
+use crate::machine::bearing::FaultRates;
 use crate::machine::bearing::RotatingRing;
 use crate::machine::uncertainty::OrderBands;
 use crate::machine::uncertainty::RelativeBand;
@@ -79,6 +80,17 @@ impl DefectLine {
             Self::Bpfo => "bpfo",
             Self::TwoBsf => "2bsf",
             Self::Ftf => "ftf",
+        }
+    }
+
+    /// Kinematic rate of the line, without sign.
+    #[must_use]
+    pub fn rate_of(self, rates: &FaultRates) -> Hz {
+        match self {
+            Self::Bpfi => rates.bpfi,
+            Self::Bpfo => rates.bpfo,
+            Self::TwoBsf => rates.two_bsf(),
+            Self::Ftf => Hz(rates.ftf.0.abs()),
         }
     }
 
