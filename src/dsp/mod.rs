@@ -43,6 +43,7 @@ pub mod filter_bank;
 pub mod kurtogram;
 pub mod envelope;
 pub mod band_envelope;
+pub mod impulsive;
 pub mod low_band;
 pub mod whiten;
 pub mod drs;

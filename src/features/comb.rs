@@ -43,6 +43,10 @@ const LOBE: f64 = 2.0 / 3.0;
 /// Half width of what a known multiple occupies, bins: at the third harmonic it is 3, where the skirt of a Hann lobe is 41 dB down.
 const SKIRT: f64 = 1.0;
 
+/// Parts of a turn at which a comb's own side lines lie: what turns is struck less or more hard as the shaft moves, and a shaft that
+/// touches or rattles moves in those. A comb beside, so far away, is made of them.
+const SIDE_PARTS: [u32; 3] = [1, 2, 3];
+
 /// Rates that shafts explain take up to this part of all.
 const EXPLAINED_PART: f64 = 0.25;
 
@@ -216,9 +220,15 @@ impl PowerSpectrum {
             return None;
         }
         let lobe = LOBE / self.duration_s;
-        let (rate, weight) = self.weightiest((low.0, high.0), lattices)?;
-        let below = self.weightiest((low.0 - reach, low.0 - lobe), lattices);
-        let above = self.weightiest((high.0 + lobe, high.0 + reach), lattices);
+        let (rate, weight) =
+            self.weightiest((low.0, high.0), |rate| self.is_open(rate, lattices))?;
+        let is_side_line = |other: f64| {
+            let spacings = SIDE_PARTS.map(|n| target.shaft_speed.0 / f64::from(n));
+            spacings.iter().any(|spacing| self.is_multiple(other - rate, *spacing))
+        };
+        let opposes = |rate: f64| self.is_open(rate, lattices) && !is_side_line(rate);
+        let below = self.weightiest((low.0 - reach, low.0 - lobe), opposes);
+        let above = self.weightiest((high.0 + lobe, high.0 + reach), opposes);
         let elsewhere =
             below.into_iter().chain(above).map(|(_, weight)| weight).max_by(f64::total_cmp)?;
         (weight > 0.0).then(|| (Hz(rate), weight / elsewhere.max(f64::MIN_POSITIVE)))
@@ -237,16 +247,25 @@ impl PowerSpectrum {
         })
     }
 
-    /// The rate of a range with the weightiest comb, of those that nothing known explains.
-    fn weightiest(&self, (low, high): (f64, f64), lattices: &[Hz]) -> Option<(f64, f64)> {
+    /// Whether a distance is a multiple of another, zero included, but for what a line's skirt occupies.
+    fn is_multiple(&self, distance: f64, unit: f64) -> bool {
+        (distance - unit * (distance / unit).round()).abs() < SKIRT / self.duration_s
+    }
+
+    /// Whether nothing known explains a comb at a rate.
+    fn is_open(&self, rate: f64, lattices: &[Hz]) -> bool {
+        !lattices.iter().any(|unit| self.is_multiple(rate, unit.0))
+    }
+
+    /// The rate of a range with the weightiest comb, of those that take part.
+    fn weightiest(
+        &self,
+        (low, high): (f64, f64),
+        takes_part: impl Fn(f64) -> bool,
+    ) -> Option<(f64, f64)> {
         let step = STEP / self.duration_s;
-        let explained = SKIRT / self.duration_s;
-        let is_open = |rate: f64| {
-            let near = |unit: &Hz| (rate - unit.0 * (rate / unit.0).round()).abs() < explained;
-            !lattices.iter().any(near)
-        };
         let n = floor_index(((high - low) / step).max(0.0));
-        let rates = (0..=n).map(|i| low + i as f64 * step).filter(|rate| is_open(*rate));
+        let rates = (0..=n).map(|i| low + i as f64 * step).filter(|rate| takes_part(*rate));
         rates.map(|rate| (rate, self.weight(rate))).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }

@@ -125,3 +125,15 @@ fn few_harmonics_are_no_comb() {
     let found = combs(4, [&smooth; 4]);
     assert!(found.iter().all(|comb| comb.lead < 1.5 && comb.part < 1e-3), "{found:?}");
 }
+
+#[test]
+fn side_lines_of_a_comb_do_not_stand_against_it() {
+    // Each harmonic with side lines as high at all thirds of a turn: at other rates a third away there are as many lines.
+    let beside = |h: u32| (-9..=9).map(move |k| (h, k));
+    let third = |(h, k): (u32, i32)| f64::from(h) * BPFI_HZ + f64::from(k) * FIRST.0 / 3.0;
+    let struck = lines((1..=12).flat_map(beside).map(third), 0.2);
+    let found = combs(5, [&struck, &struck, &[], &[]]);
+    assert!(found[0].lead > 4.0 && (found[0].frequency.0 - BPFI_HZ).abs() < 0.011, "{found:?}");
+    // Nor do those of noise: it has no thirds, and leads as little as ever.
+    assert!(found[1].lead < 1.5, "{found:?}");
+}

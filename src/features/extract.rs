@@ -12,6 +12,8 @@ use super::comb;
 use super::comb::Comb;
 use super::following;
 use super::gear;
+use super::impulses;
+use super::impulses::Impulses;
 use super::limit;
 use super::lines::LineReader;
 use super::load;
@@ -121,7 +123,7 @@ impl Extractor {
             | turning::even(&machine, turned, &mut cut, &mut self.plans);
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let (mut absolute_lines, mut combs, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
-        let mut elsewhere = Vec::new();
+        let (mut elsewhere, mut heard_blows) = (Vec::new(), Vec::new());
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             elsewhere = speed::elsewhere(&speed);
@@ -139,9 +141,13 @@ impl Extractor {
                     &mut self.plans,
                 );
                 bearing_lines.extend(here);
+                let (channel, bands) = (trace.channel, reader.blows().to_vec());
+                heard_blows.push(Impulses { channel, sample_range: range, bands });
                 elsewhere.iter_mut().zip(others).for_each(|(at, lines)| at.lines.extend(lines));
             }
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
+            heard_blows.retain(|heard| !heard.bands.is_empty());
+            impulses::keep(&heard_blows, &mut traces);
             combs = comb::read(&machine, first, &traces.iter().chain(&cut).collect::<Vec<_>>());
             keep_combs(&machine, &combs, &mut traces);
             for trace in &traces {
@@ -176,6 +182,7 @@ impl Extractor {
             bearing_lines,
             elsewhere,
             absolute_lines,
+            impulses: heard_blows,
             combs,
             gears,
             pieces,
@@ -381,21 +388,16 @@ fn shaft_features(
     first: Hz,
     cache: &mut FftCache<f32>,
 ) -> Vec<Feature> {
-    let mut features = Vec::new();
+    let (mut features, mut speeds) = (Vec::new(), Vec::new());
     for shaft in &machine.shafts {
         let Some(ratio) = shaft.ratio_to_first else { continue };
         let speed = Hz(first.0 * ratio);
         features.extend(shaft::lines(&trace.samples, trace.rate, &shaft.id, speed, info.unit));
+        speeds.push(speed);
     }
-    features.extend(overall::beside_shafts(&trace.moments, &features, info.unit));
-    features.extend(cwt_features(
-        machine,
-        (&trace.x_hat, trace.samples.len(), trace.rate),
-        info.unit,
-        first,
-        "",
-        cache,
-    ));
+    let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
+    features.extend(overall::beside_shafts(spectrum, &speeds, info.unit));
+    features.extend(cwt_features(machine, spectrum, info.unit, first, "", cache));
     features
 }
 

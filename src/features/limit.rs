@@ -129,8 +129,13 @@ pub fn band_rms(
         return None;
     }
     let power: f64 = (first..=last).map(|k| shaft::hann_magnitude(x_hat, k).powi(2)).sum();
+    Some(hann_rms(power, n))
+}
+
+/// RMS of what holds the sum `power` of |X_k|² over bins of the Hann-weighted one-sided spectrum of n samples (F16).
+pub(super) fn hann_rms(power: f64, n: usize) -> f64 {
     let n = n as f64;
-    Some((2.0 * power / (n * n * HANN_POWER)).sqrt())
+    (2.0 * power / (n * n * HANN_POWER)).sqrt()
 }
 
 /// Amplitudes at the orders that limits on `sensor` name and that are not read anyway.

@@ -9,6 +9,8 @@ use super::bearing;
 use super::bearing::DepthSpectrum;
 use super::bearing::LineSearch;
 use super::bearing::LineTask;
+use super::impulses;
+use super::impulses::Blows;
 use super::plans::Plans;
 use super::targets;
 use super::targets::HANN_LOBE;
@@ -46,6 +48,8 @@ pub struct LineReader<'m> {
     scratch: Vec<f32>,
     /// Squared envelope of a band.
     e2: Vec<f32>,
+    /// Blows in the whitened bands read last.
+    blows: Vec<Blows>,
 }
 
 /// A channel of a search: index, rate, sample range.
@@ -63,6 +67,7 @@ impl<'m> LineReader<'m> {
             band_levels,
             scratch: Vec::new(),
             e2: Vec::new(),
+            blows: Vec::new(),
         }
     }
 
@@ -89,6 +94,7 @@ impl<'m> LineReader<'m> {
         plans: &mut Plans,
     ) -> (Vec<LineSearch>, Vec<Vec<LineSearch>>) {
         let (_, rate, _) = heard;
+        self.blows.clear();
         let duration_s = n as f64 / rate.0;
         let usable = bands::usable_band(sensor, rate);
         let mut searches = Vec::new();
@@ -126,6 +132,12 @@ impl<'m> LineReader<'m> {
         (searches, others.chunks(n_here.max(1)).map(<[LineSearch]>::to_vec).collect())
     }
 
+    /// Blows in the whitened bands of the channel read last.
+    #[must_use]
+    pub fn blows(&self) -> &[Blows] {
+        &self.blows
+    }
+
     /// Demodulates band by band and reads every pending line in each.
     fn read_bands(
         &mut self,
@@ -139,7 +151,8 @@ impl<'m> LineReader<'m> {
         let mut whitened = vec![Complex::default(); x_hat.len()];
         let half_width = floor_index(self.first.0.max(10.0 / duration_s) * duration_s / 2.0);
         WhitenPlan::new(n, half_width, WHITEN_CLIP).process(x_hat, &mut whitened);
-        for speed in self.shaft_speeds() {
+        let shafts = self.shaft_speeds();
+        for speed in &shafts {
             whiten::limit_multiples(&mut whitened, n, speed.0 * duration_s, SPEED_PRECISION);
         }
         let fastest = |(_, t): &(usize, Target)| t.expected.0 * (1.0 + t.band.high);
@@ -154,8 +167,13 @@ impl<'m> LineReader<'m> {
                 continue;
             };
             let bins = envelope::bins_of_band(n, rate.0, band.low.0, band.high.0);
+            let n_bins = bins.as_ref().map_or(0, std::ops::Range::len);
             let tone = bins.and_then(|b| bearing::leading_tone(source, b, 1.0 / duration_s));
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
+            if band.whitened {
+                let blows = impulses::read(&self.e2, &spectrum, n_bins, &shafts, &mut self.scratch);
+                self.blows.push(blows);
+            }
             for (place, target) in pending {
                 let search = &mut searches[*place];
                 let task = target.task(duration_s);

@@ -20,6 +20,7 @@ pub mod bands;
 pub mod bearing;
 pub mod reach;
 mod targets;
+pub mod impulses;
 pub mod lines;
 pub mod absolute;
 pub mod comb;
@@ -124,6 +125,8 @@ pub struct WindowFeatures {
     pub elsewhere: Vec<Elsewhere>,
     /// Absolute-vibration lines of x/y pairs.
     pub absolute_lines: Vec<absolute::AbsoluteLine>,
+    /// Blows in the channels that listen for bearing lines, whatever their rate.
+    pub impulses: Vec<impulses::Impulses>,
     /// Combs of the acceleration of x/y pairs at the rates of races that turn.
     pub combs: Vec<comb::Comb>,
     /// Synchronous averages at gears.

@@ -22,6 +22,9 @@ use crate::features::bearing::LineSearch;
 use crate::features::bearing::Searched;
 use crate::features::comb;
 use crate::features::comb::Comb;
+use crate::features::impulses;
+use crate::features::impulses::Blows;
+use crate::features::impulses::Impulses;
 use crate::features::shaft;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
@@ -115,6 +118,16 @@ fn judged_with(
     absolute_lines: Vec<AbsoluteLine>,
     combs: Vec<Comb>,
 ) -> Vec<ComponentDiagnosis> {
+    judged_at(Speed::unknown(), moved, lines, (absolute_lines, combs, Vec::new()))
+}
+
+/// The same with blows, at a speed that changes so.
+fn judged_at(
+    speed: Speed,
+    moved: f64,
+    lines: Vec<LineSearch>,
+    (absolute_lines, combs, impulses): (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
+) -> Vec<ComponentDiagnosis> {
     let machine = file::parse(MACHINE, "m.toml").unwrap();
     let mut bearing_lines = lines;
     for bearing in 0..2 {
@@ -135,13 +148,15 @@ fn judged_with(
     let usual: BTreeMap<_, _> = healthy
         .chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))])
         .chain(usual_combs)
+        // The blows of b are known.
+        .chain([(("b".to_owned(), impulses::BLOWS.to_owned()), Usual::of_value(0.5))])
         .collect();
     let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
     let record = Record { name: "healthy".to_owned(), usual, n_windows: 1, ..Record::default() };
     let baseline = Baseline { records: vec![record], provisional: false };
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
-        speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() },
+        speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..speed },
         sensors: Vec::new(),
         channels: vec![ChannelFeatures {
             channel: ChannelIndex(2),
@@ -157,6 +172,7 @@ fn judged_with(
         bearing_lines,
         elsewhere: Vec::new(),
         absolute_lines,
+        impulses,
         combs,
         gears: Vec::new(),
         load: None,
@@ -435,4 +451,82 @@ fn a_line_that_is_nobodys_in_the_envelope_does_not_hide_strikes_at_its_rate() {
     assert_eq!(of(150.0).state, State::Warning, "{}", of(150.0).why);
     // A side line of it explains them.
     assert_eq!(of(180.0).state, State::Undetermined, "{}", of(180.0).why);
+}
+
+/// Blows in a channel: this part of the energy in two bands of seven.
+fn blows(channel: usize, part: f64, is_shafts: bool) -> Impulses {
+    let parts = [0.9, part, 0.1, 0.0, 0.0, 0.0, 0.0];
+    let bands = parts.map(|part| Blows { part, is_shafts }).to_vec();
+    Impulses { channel: ChannelIndex(channel), sample_range: (0, 1), bands }
+}
+
+/// What is said of bearings a and b where a quarter of the bands of a channel, and one band more, have this part of their energy in
+/// blows.
+fn struck_at_no_rate(
+    channel: usize,
+    part: f64,
+    lines: Vec<LineSearch>,
+    excursion: f64,
+) -> Vec<ComponentDiagnosis> {
+    let heard = blows(channel, part, false);
+    let speed = Speed { excursion, ..Speed::unknown() };
+    judged_at(speed, 1.0, lines, (Vec::new(), Vec::new(), vec![heard]))
+}
+
+#[test]
+fn blows_that_nothing_explains_leave_a_bearing_open() {
+    let of_a = |part: f64| struck_at_no_rate(0, part, Vec::new(), 0.0);
+    let open = of_a(0.3);
+    assert_eq!((open[0].state, open[1].state), (State::Undetermined, State::Healthy));
+    assert!(open[0].why.starts_with("30 % of the energy") && open[0].why.contains("bands of a"));
+    let shown = open[0].evidence.iter().find(|e| e.indicator == "impulsive_part").unwrap();
+    assert_eq!((shown.value, shown.threshold), (0.3, Some(0.25)));
+    assert_eq!(of_a(0.24)[0].state, State::Healthy, "one band of seven is not a quarter");
+    // What strikes is known; and at changing speed the level itself changes.
+    let line = search(0, DefectLine::Bpfi, 0.6);
+    let accused = struck_at_no_rate(0, 0.3, vec![line], 0.0);
+    assert_eq!((accused[0].state, accused[1].state), (State::Warning, State::Healthy));
+    assert_eq!(struck_at_no_rate(0, 0.3, Vec::new(), 0.02)[0].state, State::Healthy);
+}
+
+#[test]
+fn blows_that_were_there_in_good_health_acquit() {
+    let of_b = |part: f64| struck_at_no_rate(1, part, Vec::new(), 0.0).remove(1);
+    // √(η/(1 − η)) was 0.5; twice that is η = ½.
+    assert_eq!(of_b(0.49).state, State::Healthy);
+    let grown = of_b(0.51);
+    assert_eq!(grown.state, State::Undetermined);
+    assert!(grown.why.ends_with("more than in the baseline"), "{}", grown.why);
+}
+
+#[test]
+fn blows_of_a_shaft_leave_nothing_open() {
+    let of = |is_shafts: bool| {
+        let heard = vec![blows(0, 0.6, is_shafts)];
+        judged_at(Speed::unknown(), 1.0, Vec::new(), (Vec::new(), Vec::new(), heard)).remove(0)
+    };
+    assert_eq!((of(false).state, of(true).state), (State::Undetermined, State::Healthy));
+}
+
+#[test]
+fn without_a_baseline_a_comb_warns_where_enough_comes_in_blows() {
+    // Of the combs of BPFO nothing is known.
+    let comb = |bearing: usize| Comb { line: DefectLine::Bpfo, ..comb_at(bearing) };
+    let of = |heard: Vec<Impulses>, line: fn(usize) -> Comb| {
+        let heard = (Vec::new(), vec![line(0), line(1)], heard);
+        judged_at(Speed::unknown(), 1.0, Vec::new(), heard).remove(0)
+    };
+    let told = of(vec![blows(0, 0.26, false)], comb);
+    assert_eq!((told.state, told.fault), (State::Warning, Some(FaultMode::OuterRace)));
+    assert!(told.why.ends_with("and 26 % of the energy comes in blows"), "{}", told.why);
+    // Whoever makes the blows: the comb tells at which rate.
+    assert_eq!(of(vec![blows(0, 0.26, true)], comb).state, State::Warning);
+    assert_eq!(of(vec![blows(0, 0.24, false)], comb).state, State::Healthy);
+    assert_eq!(of(vec![blows(1, 0.9, false)], comb).state, State::Healthy, "heard elsewhere");
+    // More blows make it worse, never damaged.
+    let severity = |part| of(vec![blows(0, part, false)], comb).severity.unwrap();
+    assert!(0.25 <= severity(0.26) && severity(0.26) < severity(0.8) && severity(0.8) < 0.5);
+    // Where the baseline has as much, blows prove nothing of it.
+    let as_before = |bearing: usize| Comb { part: 1e-3, ..comb_at(bearing) };
+    assert_eq!(of(vec![blows(0, 0.9, false)], as_before).state, State::Undetermined);
 }

@@ -1,6 +1,7 @@
 //! The numbers behind a bearing's verdict.
 
 use super::accept::Accepted;
+use super::blows;
 use super::candidate::Candidate;
 use super::struck;
 use crate::diagnosis::Context;
@@ -46,6 +47,9 @@ pub(super) fn evidence(
     };
     let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));
     found.extend(absolute.map(|l| absolute_evidence(l, context)));
+    let is_heard = |channel| candidates.iter().any(|c| c.search.channel == channel);
+    let heard = features.impulses.iter().filter(|heard| is_heard(heard.channel));
+    found.extend(heard.map(|heard| blows::evidence(heard, context)));
     let combs = features.combs.iter().filter(|c| c.bearing == bearing);
     found.extend(combs.map(|c| struck::evidence(c, context)));
     found

@@ -6,6 +6,7 @@
 //! S1). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
+mod blows;
 mod candidate;
 mod doubt;
 mod evidence;
@@ -138,7 +139,9 @@ fn judge_one(
             }
             (Some(Growth::Carried(grown)), None) => verdict.why = doubt::loaded(&grown, context),
             (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
-            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
+            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen)
+                .or_else(|| blows::why_open(&searches, &seen))
+            {
                 Some(why) => verdict.why = why,
                 None => match sensor::all_cut(features, heard_in(&searches), context) {
                     Some(cut) => verdict.why = cut,

@@ -1,11 +1,12 @@
-//! A race that turns and is struck: its rate's comb in the acceleration itself has grown (docs/theory.md, C36).
+//! A race that turns and is struck: its rate's comb in the acceleration itself leads (docs/theory.md, C36).
 //!
 //! What tells it from a sound race that a bent shaft loads at one place: what elements impose by passing is smooth, so its
-//! harmonics fall. Needs no resonance and no amplitudes that are right, but a sensor pair and a baseline: a sound bearing may have
-//! a comb too.
+//! harmonics fall. Needs no resonance and no amplitudes that are right, but a sensor pair; and, for a sound bearing may have
+//! a comb too, a baseline that it has outgrown or blows that would accuse if the envelope told their rate.
 
 use super::LEAD_POWER_RATIO;
 use super::accept::Accepted;
+use super::blows;
 use super::grown;
 use super::grown::GROWN_RATIO;
 use crate::diagnosis::Context;
@@ -15,6 +16,7 @@ use crate::diagnosis::verdict::Evidence;
 use crate::features::WindowFeatures;
 use crate::features::comb;
 use crate::features::comb::Comb;
+use crate::features::impulses::Impulses;
 use crate::features::reach;
 use crate::machine::BearingIndex;
 use crate::machine::bearing::Bearing;
@@ -25,11 +27,30 @@ use crate::units::Unit;
 /// it. Sound bearings of the rig beside a shaft bent by 8 mil leave less than half of it at their rate.
 const STRUCK_PART: f64 = 0.002;
 
-/// A comb of strikes, and how much more of the vibration's amplitude it holds than in the baseline.
+/// A comb of strikes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Struck<'a> {
     pub(super) comb: &'a Comb,
-    pub(super) ratio: f64,
+    proof: Proof,
+}
+
+/// What makes a comb one that accuses.
+#[derive(Debug, Clone, Copy)]
+enum Proof {
+    /// So many times the part of the vibration's amplitude that it has in the baseline.
+    Growth(f64),
+    /// Without a baseline: so much of the energy comes in blows where it is heard.
+    Blows(f64),
+}
+
+impl Proof {
+    /// Severity of what is struck; at most a warning, for its part of the vibration depends on what else shakes.
+    fn severity(self) -> f64 {
+        severity::not_damaged(match self {
+            Self::Growth(ratio) => grown::severity_of(ratio),
+            Self::Blows(part) => severity::of_depth(2.0 * part),
+        })
+    }
 }
 
 /// Whether this comb is one of strikes, by itself: it stands over all others near by, holds power, and nothing slower makes it.
@@ -53,18 +74,23 @@ pub(super) fn strongest<'a>(
     let own = features.combs.iter().filter(|c| c.bearing == bearing && is_struck(c));
     own.filter(|c| !accepted.iter().any(|a| is_others(a, c, resolution)))
         .filter(|c| is_loudest(c, features, context))
-        .filter_map(|comb| growth(comb, context).map(|ratio| Struck { comb, ratio }))
-        .max_by(|a, b| a.ratio.total_cmp(&b.ratio))
+        .filter_map(|comb| Some(Struck { comb, proof: proof(comb, features, context)? }))
+        .max_by(|a, b| a.proof.severity().total_cmp(&b.proof.severity()))
 }
 
-/// Ratio of the comb's part of the amplitude to that of the baseline; `None` if it is too small to count, or chance.
-fn growth(comb: &Comb, context: &Context<'_>) -> Option<f64> {
+/// What makes a comb accuse: its part of the amplitude has outgrown the baseline's, not by chance; without a baseline of it, blows.
+fn proof(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> Option<Proof> {
     let name = comb::feature_name(comb.line, &context.machine.bearing(comb.bearing).id);
     let channel = context.channel_name(comb.pair.0);
-    let compared = context.baseline.compare(channel, &name, comb.part.sqrt())?;
-    let is_grown = compared.ratio >= GROWN_RATIO
-        && confidence::normal_tail(compared.z()) <= context.false_alarm_probability;
-    is_grown.then_some(compared.ratio)
+    if let Some(compared) = context.baseline.compare(channel, &name, comb.part.sqrt()) {
+        let is_grown = compared.ratio >= GROWN_RATIO
+            && confidence::normal_tail(compared.z()) <= context.false_alarm_probability;
+        return is_grown.then_some(Proof::Growth(compared.ratio));
+    }
+    let heard =
+        features.impulses.iter().filter(|h| [comb.pair.0, comb.pair.1].contains(&h.channel));
+    let most = heard.map(Impulses::agreed).max_by(f64::total_cmp)?;
+    (most >= blows::PART).then_some(Proof::Blows(most))
 }
 
 /// Whether an accepted line explains the comb: not where it is this line itself, be it nobody's in the envelope.
@@ -94,18 +120,23 @@ fn is_loudest(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> 
         && bearings.all(|(i, described)| is_heard(i) || !may_have_rate(described).unwrap_or(false))
 }
 
-/// Severity of what is struck; at most a warning, for its part of the vibration depends on what else shakes.
+/// Severity of what is struck.
 pub(super) fn severity_of(struck: &Struck<'_>) -> f64 {
-    severity::not_damaged(grown::severity_of(struck.ratio))
+    struck.proof.severity()
 }
 
 /// What was found, in words.
 pub(super) fn sentence(struck: &Struck<'_>, context: &Context<'_>) -> String {
     let comb = struck.comb;
+    let proof = match struck.proof {
+        Proof::Growth(ratio) => {
+            format!("in amplitude {ratio:.0} times as much as in the baseline")
+        }
+        Proof::Blows(part) => format!("and {:.0} % of the energy comes in blows", 100.0 * part),
+    };
     format!(
         "{} {:.1} Hz repeats in the acceleration of {}: the weakest of its harmonics {} to {} hold {:.0} times the power of those of \
-         any rate near by, and harmonics {} to {} hold {:.1} % of the vibration, \
-         in amplitude {:.0} times as much as in the baseline",
+         any rate near by, and harmonics {} to {} hold {:.1} % of the vibration, {proof}",
         comb.line.name(),
         comb.frequency.0,
         pair_name(comb, context),
@@ -115,7 +146,6 @@ pub(super) fn sentence(struck: &Struck<'_>, context: &Context<'_>) -> String {
         comb::UPPER.start(),
         comb::UPPER.end(),
         100.0 * comb.part,
-        struck.ratio,
     )
 }
 

@@ -6,6 +6,7 @@
 
 mod signs;
 mod cause;
+mod alone;
 mod shaft;
 mod run;
 mod gear;
@@ -33,6 +34,9 @@ pub const DAMAGED_RATIO: f64 = 30.0;
 
 /// Most confidence in an unbalance: a bow is not excluded.
 const UNBALANCE_CONFIDENCE: f64 = 0.8;
+
+/// Most confidence in an unbalance whose 2× and 3× lie beyond the sampling: misalignment and looseness are not excluded either.
+const UNBALANCE_BY_1X_CONFIDENCE: f64 = 0.6;
 
 /// Most confidence in a rise whose cause is not proven.
 const UNNAMED_CONFIDENCE: f64 = 0.9;
@@ -102,11 +106,7 @@ fn accuse(
     fault: Option<FaultMode>,
     features: &WindowFeatures,
 ) {
-    let named = match fault {
-        Some(FaultMode::Unbalance) => UNBALANCE_CONFIDENCE,
-        Some(_) => NAMED_CONFIDENCE,
-        None => UNNAMED_CONFIDENCE,
-    };
+    let named = fault.map_or(UNNAMED_CONFIDENCE, |_| NAMED_CONFIDENCE);
     accuse_at(verdict, by, (fault, named), features);
 }
 
@@ -135,6 +135,8 @@ fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod alone_tests;
 #[cfg(test)]
 mod gear_tests;
 #[cfg(test)]

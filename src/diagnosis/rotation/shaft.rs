@@ -1,12 +1,10 @@
 //! Verdict on a shaft: by its probe where there is one, else by what the housing shows.
 
 use super::NAMED_CONFIDENCE;
-use super::UNBALANCE_CONFIDENCE;
 use super::UNNAMED_CONFIDENCE;
-use super::UP_RATIO;
-use super::accuse;
 use super::accuse_at;
 use super::acquit;
+use super::alone;
 use super::cannot_look;
 use super::cause;
 use super::cause::Cause;
@@ -14,7 +12,6 @@ use super::run;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
 use crate::diagnosis::Context;
-use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::Detector;
 use crate::diagnosis::fault::FaultMode;
@@ -35,6 +32,10 @@ const ECCENTRICITY_SPEED_MM_PER_S: f64 = 400.0;
 
 /// The rule holds well below the first critical speed only.
 const MAX_SPEED_PER_CRITICAL: f64 = 0.3;
+
+/// What is said where a probe sees a rise of which nothing tells the cause, and where a housing does.
+const NOT_PROVEN: &str = ", cause not proven";
+const NOT_SEPARABLE: &str = "; unbalance, bow and coupling are not separable without a probe";
 
 pub(super) fn judge_shaft(
     shaft: ShaftIndex,
@@ -90,9 +91,9 @@ fn accuse_by_probe(
     let speed = features.speed.first.and_then(|first| context.machine.shaft_speed(shaft, first));
     let told = speed.map_or(Cause::Open, |speed| cause::cause(shaft, speed, features, context));
     let too_much = excludes_unbalance(shaft, once, features, context);
-    let with_others = rises_with_others(shaft, once, features, context);
-    let alone =
-        !is_near_critical(shaft, features, context) && rises_alone(shaft, once, features, context);
+    let with_others = alone::rises_with_others(shaft, once, features, context);
+    let alone = alone::rises(shaft, once, features, context)
+        .filter(|_| !is_near_critical(shaft, features, context));
     let (fault, named, said) = match told {
         Cause::Bow if !with_others => (Some(FaultMode::Bow), NAMED_CONFIDENCE, told.sentence()),
         Cause::Unbalance if !with_others && !too_much => {
@@ -102,11 +103,11 @@ fn accuse_by_probe(
             let cause = "; unbalance would need more than ten times G 40";
             (Some(FaultMode::Bow), NAMED_CONFIDENCE, cause)
         }
-        Cause::Open if alone => (Some(FaultMode::Unbalance), UNBALANCE_CONFIDENCE, UNBALANCE),
         Cause::Both => (None, UNNAMED_CONFIDENCE, told.sentence()),
-        Cause::Bow | Cause::Unbalance | Cause::Open => {
-            (None, UNNAMED_CONFIDENCE, ", cause not proven")
-        }
+        Cause::Bow | Cause::Unbalance => (None, UNNAMED_CONFIDENCE, NOT_PROVEN),
+        Cause::Open => alone.map_or((None, UNNAMED_CONFIDENCE, NOT_PROVEN), |alone| {
+            (Some(FaultMode::Unbalance), alone.confidence(), alone.sentence())
+        }),
     };
     accuse_at(verdict, once, (fault, named), features);
     if let Some(speed) = speed {
@@ -175,14 +176,13 @@ pub(super) fn judge_by_housing(
     } else if !once.stands_out() {
         verdict.why = format!("{text}, but the whole channel rose with it");
     } else if signs.local.is_empty() {
-        let alone = !is_near_critical(shaft, features, context)
-            && rises_alone(shaft, &once, features, context);
-        let (fault, cause) = if alone {
-            (Some(FaultMode::Unbalance), UNBALANCE)
-        } else {
-            (None, "; unbalance, bow and coupling are not separable without a probe")
+        let alone = alone::rises(shaft, &once, features, context)
+            .filter(|_| !is_near_critical(shaft, features, context));
+        let (told, cause) = match alone {
+            Some(alone) => ((Some(FaultMode::Unbalance), alone.confidence()), alone.sentence()),
+            None => ((None, UNNAMED_CONFIDENCE), NOT_SEPARABLE),
         };
-        accuse(verdict, &once, fault, features);
+        accuse_at(verdict, &once, told, features);
         verdict.why = format!("{text}{cause}");
     } else if local_up {
         verdict.why =
@@ -192,63 +192,8 @@ pub(super) fn judge_by_housing(
     }
 }
 
-/// What is said of an unbalance.
-const UNBALANCE: &str = ", 2× and 3× have not risen with it: unbalance; a bow is not excluded";
-
-/// 2× and 3× must stay below this part of the rise of 1×: what bends, misaligns or loosens a shaft raises
-/// them with it.
-const ALONE: f64 = 0.5;
-
-/// A harmonic's amplitude, with its comparison to the baseline.
-type Harmonic = (f64, Comparison);
-
-/// Whether 1× alone has risen in the indicator's channel: 2× and 3× are known and neither is up nor rose by
-/// half as much (J4).
-fn rises_alone(
-    shaft: ShaftIndex,
-    once: &Indicator,
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) -> bool {
-    let is_calm = |(_, c): Harmonic| c.ratio < UP_RATIO && c.ratio <= ALONE * once.ratio;
-    [2, 3].into_iter().all(|order| {
-        let known = harmonic((shaft, order), once, features, context);
-        known.is_some_and(is_calm)
-    })
-}
-
-/// Whether 2× or 3× is known to have risen by more than half as much as 1× and to move the shaft by a third as much: what does so is
-/// neither bow nor unbalance alone. A probe hears hardly any 2× of a healthy shaft, and its ratio alone is noise.
-fn rises_with_others(
-    shaft: ShaftIndex,
-    once: &Indicator,
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) -> bool {
-    let of_once = harmonic((shaft, 1), once, features, context);
-    let matters = |(amplitude, compared): Harmonic| {
-        compared.ratio > ALONE * once.ratio
-            && of_once.is_none_or(|(first, _)| UP_RATIO * amplitude >= first)
-    };
-    [2, 3].into_iter().filter_map(|o| harmonic((shaft, o), once, features, context)).any(matters)
-}
-
-/// A harmonic of a shaft in the indicator's channel.
-fn harmonic(
-    (shaft, order): (ShaftIndex, u8),
-    once: &Indicator,
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) -> Option<Harmonic> {
-    let name = &once.evidence.channel;
-    let channel = features.channels.iter().find(|c| context.channel_name(c.channel) == name)?;
-    let line = shaft::line_name(order, &context.machine.shaft(shaft).id);
-    let value = channel.get(&line)?;
-    Some((value, context.baseline.compare(name, &line, value)?))
-}
-
 /// Whether the shaft turns so near its first critical speed that a bow moves it like an unbalance, and
-/// neither can be told.
+/// neither can be told (J4).
 pub(super) fn is_near_critical(
     shaft: ShaftIndex,
     features: &WindowFeatures,

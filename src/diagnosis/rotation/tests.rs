@@ -203,6 +203,7 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
         bearing_lines: Vec::new(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
+        impulses: Vec::new(),
         combs: Vec::new(),
         gears: Vec::new(),
         pieces: Vec::new(),

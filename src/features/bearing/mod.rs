@@ -21,6 +21,7 @@ use crate::units::Hz;
 
 pub use carrier::leading_tone;
 pub use read::coinciding;
+pub(super) use read::depth_at;
 pub use read::read_line;
 
 /// Harmonics read of each line, the fundamental included.

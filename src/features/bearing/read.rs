@@ -251,7 +251,7 @@ fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: 
 }
 
 /// Depth of the highest of three bins at a known place.
-fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> f64 {
+pub(in crate::features) fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> f64 {
     let centre = bin_at(frequency_hz.max(0.0), spectrum.bin_hz);
     let near = (centre.saturating_sub(1)..=centre + 1).filter(|k| *k < spectrum.depth.len());
     let highest = near.max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]));

@@ -87,6 +87,7 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         bearing_lines: searches,
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
+        impulses: Vec::new(),
         combs: Vec::new(),
         gears: Vec::new(),
         pieces: Vec::new(),
