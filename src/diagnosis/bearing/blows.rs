@@ -22,8 +22,10 @@ pub(super) fn why_open(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<Stri
     if seen.features.speed.is_transient() || !seen.accepted.is_empty() {
         return None;
     }
-    let counts =
-        |heard: &&Impulses| heard.unexplained() >= PART && !is_as_when_healthy(heard, seen);
+    let is_new = |heard: &Impulses| {
+        over_baseline(heard, seen).is_none_or(|ratio| ratio >= level::WARNING_RATIO)
+    };
+    let counts = |heard: &&Impulses| heard.unexplained() >= PART && is_new(heard);
     let most = heard_at(searches, seen)
         .filter(counts)
         .max_by(|a, b| a.unexplained().total_cmp(&b.unexplained()))?;
@@ -32,10 +34,9 @@ pub(super) fn why_open(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<Stri
          explains: elements that slip strike so, and so may something beside the bearing; {}",
         100.0 * most.unexplained(),
         seen.context.channel_name(most.channel),
-        if seen.context.baseline.records.is_empty() {
-            "a baseline of the healthy machine would tell"
-        } else {
-            "more than in the baseline"
+        match over_baseline(most, seen) {
+            Some(_) => "more than in the baseline",
+            None => "a baseline that knows them would tell",
         },
     ))
 }
@@ -51,11 +52,11 @@ fn heard_at<'a>(
     seen.features.impulses.iter().filter(listens)
 }
 
-/// Whether the healthy machine had half as many in amplitude.
-fn is_as_when_healthy(heard: &Impulses, seen: &Seen<'_>) -> bool {
+/// Amplitude of the blows over that of the healthy machine's, if its baseline knows them.
+fn over_baseline(heard: &Impulses, seen: &Seen<'_>) -> Option<f64> {
     let channel = seen.context.channel_name(heard.channel);
     let compared = seen.context.baseline.compare(channel, impulses::BLOWS, heard.over_rest());
-    compared.is_some_and(|compared| compared.ratio < level::WARNING_RATIO)
+    compared.map(|compared| compared.ratio)
 }
 
 /// The blows of the bearing's channels, for the record.
