@@ -3,59 +3,80 @@
 //! Elements that slip, and defects on them most of all, strike at no fixed rate, and their blows leave no line. So do things beside
 //! the machine. What is known is that something strikes, hard enough to accuse if it kept a rate.
 
-use super::doubt::Seen;
 use crate::diagnosis::Context;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::State;
 use crate::diagnosis::level;
 use crate::diagnosis::severity;
+use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::Evidence;
-use crate::features::bearing::LineSearch;
+use crate::features::WindowFeatures;
 use crate::features::impulses;
 use crate::features::impulses::Impulses;
+use crate::machine::BearingIndex;
 use crate::units::Unit;
 
 /// Part of the energy from which blows count: blows that kept a rate would have lines twice as deep (S1), which accuse.
 pub(super) const PART: f64 = severity::WARNING_DEPTH / 2.0;
 
-/// Why a bearing is not acquitted beside blows that nothing explains, if there are such.
-pub(super) fn why_open(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
-    // At changing speed the level changes too, which the median takes for bursts; what is accepted strikes.
-    if seen.features.speed.is_transient() || !seen.accepted.is_empty() {
-        return None;
+/// Leaves bearings open that would be acquitted beside blows that nothing explains (C37).
+pub(super) fn reopen(
+    verdicts: &mut [ComponentDiagnosis],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) {
+    // At changing speed the level changes too, which the median takes for bursts; what is accused strikes.
+    let is_known = verdicts.iter().any(|verdict| verdict.state.is_accusation());
+    if features.speed.is_transient() || is_known {
+        return;
     }
-    let is_new = |heard: &Impulses| {
-        over_baseline(heard, seen).is_none_or(|ratio| ratio >= level::WARNING_RATIO)
+    for (bearing, verdict) in verdicts.iter_mut().enumerate() {
+        if verdict.state != State::Healthy {
+            continue;
+        }
+        if let Some(why) = why_open(BearingIndex(bearing), features, context) {
+            let evidence = std::mem::take(&mut verdict.evidence);
+            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
+            verdict.evidence = evidence;
+        }
+    }
+}
+
+/// Why a bearing is not acquitted beside blows that nothing explains, if there are such.
+fn why_open(
+    bearing: BearingIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<String> {
+    let listens = |heard: &&Impulses| {
+        let mut own = features.bearing_lines.iter().filter(|s| s.bearing == bearing);
+        own.any(|s| s.outcome.is_ok() && s.channel == heard.channel)
     };
-    let counts = |heard: &&Impulses| heard.unexplained() >= PART && is_new(heard);
-    let most = heard_at(searches, seen)
-        .filter(counts)
+    let is_new = |heard: &Impulses| {
+        over_baseline(heard, context).is_none_or(|ratio| ratio >= level::WARNING_RATIO)
+    };
+    let most = features
+        .impulses
+        .iter()
+        .filter(listens)
+        .filter(|heard| heard.unexplained() >= PART && is_new(heard))
         .max_by(|a, b| a.unexplained().total_cmp(&b.unexplained()))?;
     Some(format!(
         "{:.0} % of the energy in a quarter of the bands of {} comes in blows that neither a shaft's speed nor a defect's rate \
          explains: elements that slip strike so, and so may something beside the bearing; {}",
         100.0 * most.unexplained(),
-        seen.context.channel_name(most.channel),
-        match over_baseline(most, seen) {
+        context.channel_name(most.channel),
+        match over_baseline(most, context) {
             Some(_) => "more than in the baseline",
             None => "a baseline that knows them would tell",
         },
     ))
 }
 
-/// What is heard in the channels that lines of this bearing could be read in.
-fn heard_at<'a>(
-    searches: &'a [&LineSearch],
-    seen: &Seen<'a>,
-) -> impl Iterator<Item = &'a Impulses> {
-    let listens = |heard: &&Impulses| {
-        searches.iter().any(|s| s.outcome.is_ok() && s.channel == heard.channel)
-    };
-    seen.features.impulses.iter().filter(listens)
-}
-
 /// Amplitude of the blows over that of the healthy machine's, if its baseline knows them.
-fn over_baseline(heard: &Impulses, seen: &Seen<'_>) -> Option<f64> {
-    let channel = seen.context.channel_name(heard.channel);
-    let compared = seen.context.baseline.compare(channel, impulses::BLOWS, heard.over_rest());
+fn over_baseline(heard: &Impulses, context: &Context<'_>) -> Option<f64> {
+    let channel = context.channel_name(heard.channel);
+    let compared = context.baseline.compare(channel, impulses::BLOWS, heard.over_rest());
     compared.map(|compared| compared.ratio)
 }
 

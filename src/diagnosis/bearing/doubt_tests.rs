@@ -526,6 +526,11 @@ fn without_a_baseline_a_comb_warns_where_enough_comes_in_blows() {
     // More blows make it worse, never damaged.
     let severity = |part| of(vec![blows(0, part, false)], comb).severity.unwrap();
     assert!(0.25 <= severity(0.26) && severity(0.26) < severity(0.8) && severity(0.8) < 0.5);
+    // A strikes, so that b hears it leaves nothing open there.
+    let both = [blows(0, 0.3, false), blows(1, 0.3, false)].to_vec();
+    let heard = (Vec::new(), vec![comb(0), comb(1)], both);
+    let of_b = judged_at(Speed::unknown(), 1.0, Vec::new(), heard).remove(1);
+    assert_eq!(of_b.state, State::Healthy, "{}", of_b.why);
     // Where the baseline has as much, blows prove nothing of it.
     let as_before = |bearing: usize| Comb { part: 1e-3, ..comb_at(bearing) };
     assert_eq!(of(vec![blows(0, 0.9, false)], as_before).state, State::Undetermined);

@@ -49,9 +49,10 @@ const COMPETING_DEPTH: f64 = severity::WARNING_DEPTH / 2.0;
 pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
     let accepted = accept::accept(features);
     let mut verdicts = judge_all(features, context, &accepted);
-    // A line that stands confirms the speed as well as slip lets it.
+    // A line that stands confirms the speed as well as slip lets it, and what it is of strikes.
     if accepted.is_empty() {
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
+        blows::reopen(&mut verdicts, features, context);
     }
     verdicts
 }
@@ -139,9 +140,7 @@ fn judge_one(
             }
             (Some(Growth::Carried(grown)), None) => verdict.why = doubt::loaded(&grown, context),
             (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
-            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen)
-                .or_else(|| blows::why_open(&searches, &seen))
-            {
+            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
                 Some(why) => verdict.why = why,
                 None => match sensor::all_cut(features, heard_in(&searches), context) {
                     Some(cut) => verdict.why = cut,
