@@ -63,34 +63,74 @@ pub(super) struct Seen<'a> {
     pub(super) accepted: &'a [Accepted<'a>],
 }
 
-/// Sorts the lines accepted for one bearing.
+/// What a proven line may say.
+#[derive(Debug)]
+enum Says<'c> {
+    Proven,
+    Shared(Vec<&'c LineSearch>),
+    Doubt(Doubt),
+    /// It is deep in few bands only: [`why_open`] tells.
+    Few,
+}
+
+/// Sorts the lines accepted for one bearing: by the channel each is heard best in, or, of all but the race at rest, by another of this
+/// bearing's that is more telling. What is loudest need not be deepest: noise and other lines may fill the bands of that channel.
 pub(super) fn sort<'c>(candidates: &'c [Candidate<'c>], seen: &Seen<'c>) -> Sorted<'c> {
-    let accepted = seen.accepted;
     let mut sorted = Sorted::default();
-    for found in accepted {
-        for candidate in candidates.iter().filter(|c| c.is_proven() && found.is_by(c.search)) {
-            match found.others(candidate.search) {
-                _ if !candidate.is_surely_deep() => {
-                    sorted.doubts.push((Doubt::NearLimit, candidate));
-                }
-                _ if candidate.is_bare() => sorted.doubts.push((Doubt::Bare, candidate)),
-                _ if candidate.is_carried() => sorted.doubts.push((Doubt::Carried, candidate)),
-                _ if candidate.is_overheard(accepted) => {
-                    sorted.doubts.push((Doubt::Overheard, candidate));
-                }
-                _ if is_smooth(candidate, seen) => sorted.doubts.push((Doubt::Smooth, candidate)),
-                _ if is_of_tone(candidate, seen) => sorted.doubts.push((Doubt::OfTone, candidate)),
-                _ if has_not_grown(candidate, seen) => {
-                    sorted.doubts.push((Doubt::NotGrown, candidate));
-                }
-                // Deep in few bands only: `why_open` tells.
-                _ if !candidate.is_agreed() => {}
-                others if others.is_empty() => sorted.proven.push(candidate),
-                others => sorted.shared.push((candidate, others)),
-            }
+    for found in seen.accepted {
+        let Some(own) = candidates.iter().find(|c| c.is_proven() && found.is_by(c.search)) else {
+            continue;
+        };
+        // Sound elements pass the race at rest, and are deep in one channel or the other.
+        let bearing = seen.context.machine.bearing(seen.bearing);
+        let passes = own.search.line == DefectLine::of_race_at_rest(bearing.rotating_ring);
+        let others = candidates.iter().filter(|c| {
+            let at = c.best.as_ref().map(|best| best.frequency);
+            !passes
+                && c.is_proven()
+                && c.search.line == own.search.line
+                && c.search.channel != own.search.channel
+                && at.is_some_and(|at| found.is_at(at, c.search.resolution))
+        });
+        let says = says(own, found.others(own.search), seen);
+        let is_told = matches!(says, Says::Proven | Says::Shared(_));
+        let told = others
+            .filter(|_| !is_told)
+            .map(|c| (c, self::says(c, found.others(own.search), seen)))
+            .find(|(_, says)| matches!(says, Says::Proven | Says::Shared(_)));
+        match told.unwrap_or((own, says)) {
+            (line, Says::Proven) => sorted.proven.push(line),
+            (line, Says::Shared(others)) => sorted.shared.push((line, others)),
+            (line, Says::Doubt(doubt)) => sorted.doubts.push((doubt, line)),
+            (_, Says::Few) => {}
         }
     }
     sorted
+}
+
+/// What a proven line may say, which may belong to `others` as well.
+fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) -> Says<'c> {
+    if !line.is_surely_deep() {
+        Says::Doubt(Doubt::NearLimit)
+    } else if line.is_bare() {
+        Says::Doubt(Doubt::Bare)
+    } else if line.is_carried() {
+        Says::Doubt(Doubt::Carried)
+    } else if line.is_overheard(seen.accepted) {
+        Says::Doubt(Doubt::Overheard)
+    } else if is_smooth(line, seen) {
+        Says::Doubt(Doubt::Smooth)
+    } else if is_of_tone(line, seen) {
+        Says::Doubt(Doubt::OfTone)
+    } else if has_not_grown(line, seen) {
+        Says::Doubt(Doubt::NotGrown)
+    } else if !line.is_agreed() {
+        Says::Few
+    } else if others.is_empty() {
+        Says::Proven
+    } else {
+        Says::Shared(others)
+    }
 }
 
 /// Why a bearing that nothing accuses is not acquitted, if so.
@@ -346,4 +386,4 @@ fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
 
 #[cfg(test)]
 #[path = "doubt_tests.rs"]
-mod tests;
+pub(super) mod tests;

@@ -11,6 +11,7 @@ use super::grown;
 use super::grown::GROWN_RATIO;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
+use crate::diagnosis::level;
 use crate::diagnosis::severity;
 use crate::diagnosis::verdict::Evidence;
 use crate::features::WindowFeatures;
@@ -36,20 +37,33 @@ pub(super) struct Struck<'a> {
 
 /// What makes a comb one that accuses.
 #[derive(Debug, Clone, Copy)]
-enum Proof {
-    /// So many times the part of the vibration's amplitude that it has in the baseline.
-    Growth(f64),
-    /// Without a baseline: so much of the energy comes in blows where it is heard.
-    Blows(f64),
+struct Proof {
+    /// How many times the part of the vibration's amplitude that it has in the baseline, if that knows it.
+    growth: Option<f64>,
+    /// How much of the energy comes in blows where it is heard.
+    blows: f64,
 }
 
 impl Proof {
+    /// Whether blows hold as much as accuses of lines.
+    fn has_blows(self) -> bool {
+        self.blows >= blows::PART
+    }
+
     /// Severity of what is struck; at most a warning, for its part of the vibration depends on what else shakes.
     fn severity(self) -> f64 {
-        severity::not_damaged(match self {
-            Self::Growth(ratio) => grown::severity_of(ratio),
-            Self::Blows(part) => severity::of_depth(2.0 * part),
-        })
+        let of_growth = self.growth.map_or(0.0, grown::severity_of);
+        let of_blows = if self.has_blows() { severity::of_depth(2.0 * self.blows) } else { 0.0 };
+        severity::not_damaged(of_growth.max(of_blows))
+    }
+
+    /// What is said of it.
+    fn sentence(self) -> String {
+        let growth = self
+            .growth
+            .map(|ratio| format!(", in amplitude {ratio:.1} times as much as in the baseline"));
+        let blows = format!(", and {:.0} % of the energy comes in blows", 100.0 * self.blows);
+        growth.unwrap_or_default() + if self.has_blows() { &blows } else { "" }
     }
 }
 
@@ -78,19 +92,28 @@ pub(super) fn strongest<'a>(
         .max_by(|a, b| a.proof.severity().total_cmp(&b.proof.severity()))
 }
 
-/// What makes a comb accuse: its part of the amplitude has outgrown the baseline's, not by chance; without a baseline of it, blows.
+/// Growth over the baseline that is enough where blows hold a quarter of the energy as well (6 dB).
+const GROWN_WITH_BLOWS: f64 = level::WARNING_RATIO;
+
+/// What makes a comb accuse: its part of the amplitude has outgrown the baseline's, not by chance, fivefold or beside blows twofold;
+/// without a baseline of it, blows.
 fn proof(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> Option<Proof> {
     let name = comb::feature_name(comb.line, &context.machine.bearing(comb.bearing).id);
     let channel = context.channel_name(comb.pair.0);
-    if let Some(compared) = context.baseline.compare(channel, &name, comb.part.sqrt()) {
-        let is_grown = compared.ratio >= GROWN_RATIO
-            && confidence::normal_tail(compared.z()) <= context.false_alarm_probability;
-        return is_grown.then_some(Proof::Growth(compared.ratio));
-    }
-    let heard =
-        features.impulses.iter().filter(|h| [comb.pair.0, comb.pair.1].contains(&h.channel));
-    let most = heard.map(Impulses::agreed).max_by(f64::total_cmp)?;
-    (most >= blows::PART).then_some(Proof::Blows(most))
+    let heard = features.impulses.iter();
+    let heard = heard.filter(|h| [comb.pair.0, comb.pair.1].contains(&h.channel));
+    let most = heard.map(Impulses::agreed).fold(0.0, f64::max);
+    let compared = context.baseline.compare(channel, &name, comb.part.sqrt());
+    let proof = Proof { growth: compared.map(|c| c.ratio), blows: most };
+    let needed = if proof.has_blows() { GROWN_WITH_BLOWS } else { GROWN_RATIO };
+    let is_enough = match compared {
+        Some(compared) => {
+            compared.ratio >= needed
+                && confidence::normal_tail(compared.z()) <= context.false_alarm_probability
+        }
+        None => proof.has_blows(),
+    };
+    is_enough.then_some(proof)
 }
 
 /// Whether an accepted line explains the comb: not where it is this line itself, be it nobody's in the envelope.
@@ -128,15 +151,9 @@ pub(super) fn severity_of(struck: &Struck<'_>) -> f64 {
 /// What was found, in words.
 pub(super) fn sentence(struck: &Struck<'_>, context: &Context<'_>) -> String {
     let comb = struck.comb;
-    let proof = match struck.proof {
-        Proof::Growth(ratio) => {
-            format!("in amplitude {ratio:.0} times as much as in the baseline")
-        }
-        Proof::Blows(part) => format!("and {:.0} % of the energy comes in blows", 100.0 * part),
-    };
     format!(
         "{} {:.1} Hz repeats in the acceleration of {}: the weakest of its harmonics {} to {} hold {:.0} times the power of those of \
-         any rate near by, and harmonics {} to {} hold {:.1} % of the vibration, {proof}",
+         any rate near by, and harmonics {} to {} hold {:.1} % of the vibration{}",
         comb.line.name(),
         comb.frequency.0,
         pair_name(comb, context),
@@ -146,6 +163,7 @@ pub(super) fn sentence(struck: &Struck<'_>, context: &Context<'_>) -> String {
         comb::UPPER.start(),
         comb::UPPER.end(),
         100.0 * comb.part,
+        struck.proof.sentence(),
     )
 }
 
@@ -171,3 +189,7 @@ pub(super) fn evidence(comb: &Comb, context: &Context<'_>) -> Evidence {
         sample_range: Some(comb.sample_range),
     }
 }
+
+#[cfg(test)]
+#[path = "struck_tests.rs"]
+mod tests;
