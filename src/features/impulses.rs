@@ -20,6 +20,12 @@ const N_VALUES: usize = 4096;
 /// Multiples of a shaft's speed at which its events are looked for.
 const ORDERS: u32 = 10;
 
+/// First bin of a rate that something foreign may keep: below lie drifts of the level.
+const FIRST_BIN: usize = 16;
+
+/// Blows at a rate have nearly as much at twice and three times that; modulation has not.
+const HALF: f64 = 0.5;
+
 /// Bands that must agree, as a part of them: those that resonate bring blows over the noise, others need not.
 const A_QUARTER: f64 = 0.25;
 
@@ -34,27 +40,44 @@ const LEAST: f64 = 0.1;
 pub struct Blows {
     /// Part of the band's energy.
     pub part: f64,
-    /// Whether events of a shaft explain them.
-    pub is_shafts: bool,
+    /// Whether they keep a rate that is none of a bearing's: a shaft's, or that of something foreign.
+    pub is_others: bool,
 }
 
-/// Blows in one band: a shaft's if they hold the part η and a line at one of the multiples of its speed is as deep; blows once a turn
-/// have lines of depth up to 2η at all of them.
+/// Blows in one band. They are a shaft's if they hold the part η and a line at one of the multiples of its speed is as deep: blows once a
+/// turn have lines of depth up to 2η at all of them. They are something foreign's if such a line, and half as much at twice and three times its rate, stands
+/// anywhere but in the ranges `own` in which lines of bearings are searched, Hz.
 ///
 /// `e2`: the band's squared envelope, which `spectrum` is of; `n_bins` those of the band.
 pub(super) fn read(
     e2: &[f32],
     spectrum: &DepthSpectrum<'_>,
     n_bins: usize,
-    shafts: &[Hz],
+    (shafts, own): (&[Hz], &[(Hz, Hz)]),
     scratch: &mut Vec<f32>,
 ) -> Blows {
     scratch.clear();
     scratch.resize(N_VALUES, 0.0);
     let part = impulsive::part(e2, spectrum.mean_square, n_bins, scratch);
     let multiples = shafts.iter().flat_map(|f| (1..=ORDERS).map(|order| f64::from(order) * f.0));
-    let events = multiples.map(|at| bearing::depth_at(spectrum, at)).fold(0.0, f64::max);
-    Blows { part, is_shafts: events >= part }
+    let is_shafts = multiples.map(|at| bearing::depth_at(spectrum, at)).any(|depth| depth >= part);
+    Blows { part, is_others: is_shafts || is_foreign(spectrum, part, own) }
+}
+
+/// Whether a line as deep as `part`, with half as much at twice and three times its rate, stands outside the ranges `own`.
+fn is_foreign(spectrum: &DepthSpectrum<'_>, part: f64, own: &[(Hz, Hz)]) -> bool {
+    let depth = spectrum.depth;
+    let is_peak = |k: &usize| {
+        let height = f64::from(depth[*k]);
+        height >= part && depth[*k] >= depth[k - 1] && depth[*k] >= depth[k + 1]
+    };
+    let is_train = |at_hz: f64, height: f64| {
+        let is_own = own.iter().any(|(low, high)| (low.0..=high.0).contains(&at_hz));
+        let is_high = |times: f64| bearing::depth_at(spectrum, times * at_hz) >= HALF * height;
+        !is_own && is_high(2.0) && is_high(3.0)
+    };
+    let mut peaks = (FIRST_BIN..depth.len() / 3).filter(is_peak);
+    peaks.any(|k| is_train(k as f64 * spectrum.bin_hz, f64::from(depth[k])))
 }
 
 /// Blows heard in one channel.
@@ -75,10 +98,10 @@ impl Impulses {
         Self::quarter(self.bands.iter().map(|blows| blows.part).collect())
     }
 
-    /// The same of blows that no shaft's events explain.
+    /// The same of blows that keep no rate but a bearing's, if any.
     #[must_use]
     pub fn unexplained(&self) -> f64 {
-        let part = |blows: &Blows| if blows.is_shafts { 0.0 } else { blows.part };
+        let part = |blows: &Blows| if blows.is_others { 0.0 } else { blows.part };
         Self::quarter(self.bands.iter().map(part).collect())
     }
 
@@ -122,7 +145,7 @@ mod tests {
     use rustfft::num_complex::Complex;
 
     /// The part read of ten seconds of noise that is ten times as high for 2 ms every `period` samples of 10 kHz, beside shafts of 20 Hz.
-    fn struck_every(period: impl Fn(usize) -> bool) -> Blows {
+    fn struck_every(period: impl Fn(usize) -> bool, own: &[(Hz, Hz)]) -> Blows {
         let noise = gaussian_noise(100_000, 5);
         let gain = |i: usize| if period(i) { 10.0 } else { 1.0 };
         let x: Vec<f32> =
@@ -141,25 +164,30 @@ mod tests {
         let bin_hz = plan.bin_width_hz(squared.out_rate_hz(1e4));
         let spectrum =
             DepthSpectrum { depth: &depth, bin_hz, duration_s: 10.0, mean_square, tone: None };
-        read(&e2, &spectrum, n_bins, &[Hz(20.0)], &mut Vec::new())
+        read(&e2, &spectrum, n_bins, (&[Hz(20.0)], own), &mut Vec::new())
     }
 
     #[test]
-    fn blows_count_unless_a_shaft_makes_them() {
-        // 2 ms of 47: 4.3 of 5.2 parts of the energy.
-        let found = struck_every(|i| i % 470 < 20);
-        assert!((found.part - 4.3 / 5.2).abs() < 0.06 && !found.is_shafts, "{found:?}");
-        // 21.3 a second are no shaft's; 20 and 40 a second are.
-        assert!(struck_every(|i| i % 500 < 20).is_shafts);
-        assert!(struck_every(|i| i % 250 < 20).is_shafts);
-        assert!(struck_every(|_| false).part < 0.05);
+    fn blows_count_unless_they_keep_a_rate_of_something_else() {
+        // 2 ms of 47: 4.3 of 5.2 parts of the energy, 21.3 times a second, where a bearing's line may stand.
+        let own = [(Hz(21.0), Hz(21.6))];
+        let found = struck_every(|i| i % 470 < 20, &own);
+        assert!((found.part - 4.3 / 5.2).abs() < 0.06, "{found:?}");
+        let others = |per: usize| struck_every(|i| i % per < 20, &own).is_others;
+        assert!(others(500) && others(250), "20 and 40 a second are the shaft's");
+        assert!(others(410), "24.4 a second are something foreign's");
+        // At no rate: once in 47 ms, anywhere in them.
+        let place = |period: usize| period.wrapping_mul(2_654_435_761) / 128 % 440 + 15;
+        let random = |i: usize| (i % 470).abs_diff(place(i / 470)) < 10;
+        assert!(!struck_every(random, &own).is_others);
+        assert!(struck_every(|_| false, &own).part < 0.05);
     }
 
     #[test]
     fn a_quarter_of_the_bands_must_agree() {
-        let of = |parts: &[f64], is_shafts: bool| {
+        let of = |parts: &[f64], is_others: bool| {
             let (channel, sample_range) = (ChannelIndex(0), (0, 1));
-            let bands = parts.iter().map(|part| Blows { part: *part, is_shafts }).collect();
+            let bands = parts.iter().map(|part| Blows { part: *part, is_others }).collect();
             Impulses { channel, sample_range, bands }
         };
         let bands = [0.1, 0.9, 0.2, 0.6, 0.0, 0.0, 0.3];

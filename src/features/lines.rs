@@ -12,6 +12,7 @@ use super::bearing::LineTask;
 use super::impulses;
 use super::impulses::Blows;
 use super::plans::Plans;
+use super::reach;
 use super::targets;
 use super::targets::HANN_LOBE;
 use super::targets::MIN_WIDTH_PER_LINE;
@@ -158,6 +159,8 @@ impl<'m> LineReader<'m> {
         let fastest = |(_, t): &(usize, Target)| t.expected.0 * (1.0 + t.band.high);
         let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
+        let ranges = pending.iter().map(|(_, t)| reach::searched_range(t.line, t.expected, t.band));
+        let own: Vec<(Hz, Hz)> = ranges.collect();
         let mut depth = Vec::new();
         for band in bands::demodulation_bands(usable, min_width, self.band_levels) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
@@ -171,7 +174,8 @@ impl<'m> LineReader<'m> {
             let tone = bins.and_then(|b| bearing::leading_tone(source, b, 1.0 / duration_s));
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
             if band.whitened {
-                let blows = impulses::read(&self.e2, &spectrum, n_bins, &shafts, &mut self.scratch);
+                let blows =
+                    impulses::read(&self.e2, &spectrum, n_bins, (&shafts, &own), &mut self.scratch);
                 self.blows.push(blows);
             }
             for (place, target) in pending {

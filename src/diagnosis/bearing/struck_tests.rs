@@ -104,9 +104,9 @@ fn a_line_that_is_nobodys_in_the_envelope_does_not_hide_strikes_at_its_rate() {
 }
 
 /// Blows in a channel: this part of the energy in two bands of seven.
-fn blows(channel: usize, part: f64, is_shafts: bool) -> Impulses {
+fn blows(channel: usize, part: f64, is_others: bool) -> Impulses {
     let parts = [0.9, part, 0.1, 0.0, 0.0, 0.0, 0.0];
-    let bands = parts.map(|part| Blows { part, is_shafts }).to_vec();
+    let bands = parts.map(|part| Blows { part, is_others }).to_vec();
     Impulses { channel: ChannelIndex(channel), sample_range: (0, 1), bands }
 }
 
@@ -150,9 +150,9 @@ fn blows_that_were_there_in_good_health_acquit() {
 }
 
 #[test]
-fn blows_of_a_shaft_leave_nothing_open() {
-    let of = |is_shafts: bool| {
-        let heard = vec![blows(0, 0.6, is_shafts)];
+fn blows_at_a_rate_that_is_no_bearings_leave_nothing_open() {
+    let of = |is_others: bool| {
+        let heard = vec![blows(0, 0.6, is_others)];
         judged_at(Speed::unknown(), 1.0, Vec::new(), (Vec::new(), Vec::new(), heard)).remove(0)
     };
     assert_eq!((of(false).state, of(true).state), (State::Undetermined, State::Healthy));
