@@ -45,7 +45,9 @@ impl Alone {
     /// What is said of it.
     pub(super) fn sentence(self) -> &'static str {
         match self {
-            Self::Proven => ", 2× and 3× have not risen with it: unbalance; a bow is not excluded",
+            Self::Proven => {
+                ", 2× and 3× have not risen with it or are small: unbalance; a bow is not excluded"
+            }
             Self::AsSampled => {
                 ", and most of the vibration is 1×: unbalance; 2× and 3× lie beyond the sampling, so that misalignment, looseness \
                  and a bow are not excluded"
