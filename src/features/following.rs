@@ -5,8 +5,9 @@
 //! Must not know what is resampled along it.
 
 use super::plans::Plans;
+use super::shaft_lines;
+use super::shaft_lines::Peak;
 use super::speed;
-use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedSource;
 use super::targets::mains_lines;
@@ -137,13 +138,13 @@ impl Followed {
     /// Power over the floor of the peak nearest to each harmonic, no less than that of a peak of noise.
     fn harmonics(&self, (x_hat, n, rate): (&[Complex<f32>], usize, Hz)) -> Vec<f64> {
         let top = Hz(f64::from(HIGHEST + 1) * self.first.0);
-        let peaks = speed::peaks(x_hat, n, rate, top, Hz(0.5 * self.first.0));
+        let peaks = shaft_lines::peaks(x_hat, n, rate, top, Hz(0.5 * self.first.0));
         let reach = self.turning.excursion.max(self.first.0.recip() * rate.0 / n as f64);
         let strongest = |order: u32| {
             let at_hz = f64::from(order) * self.first.0;
             let is_near = |peak: &&Peak| (peak.frequency.0 - at_hz).abs() <= reach * at_hz;
             let near = peaks.iter().filter(is_near).map(|peak| peak.power_ratio);
-            near.fold(speed::PEAK_POWER_RATIO, f64::max)
+            near.fold(shaft_lines::PEAK_POWER_RATIO, f64::max)
         };
         (1..=HIGHEST).map(strongest).collect()
     }
@@ -170,11 +171,11 @@ impl Followed {
 
 /// Harmonics of the shaft that no other line of the machine can imitate.
 fn orders(machine: &Machine, around: Hz) -> Vec<CombOrder> {
-    let imitators = speed::imitators(machine);
+    let imitators = shaft_lines::imitators(machine);
     let excluded = mains_lines(machine, Hz(around.0 * f64::from(HIGHEST + 1)));
     let is_own = |order: f64| {
         let at_hz = order * around.0;
-        !speed::is_imitated(order, &imitators)
+        !shaft_lines::is_imitated(order, &imitators)
             && !excluded.iter().any(|e| (e.0 / at_hz - 1.0).abs() < speed::REFINE_RANGE)
     };
     (1..=HIGHEST)
@@ -236,7 +237,7 @@ fn follow(
 fn leading(trace: &Trace<'_>, around: Hz, orders: &[CombOrder]) -> Vec<CombOrder> {
     let top = Hz(f64::from(HIGHEST + 1) * around.0);
     let run = (trace.samples.len(), trace.rate);
-    let peaks = speed::peaks(&trace.x_hat, run.0, run.1, top, Hz(0.5 * around.0));
+    let peaks = shaft_lines::peaks(&trace.x_hat, run.0, run.1, top, Hz(0.5 * around.0));
     let told = |o: &CombOrder| {
         let at_hz = o.order * around.0;
         let is_near = |p: &&Peak| (p.frequency.0 / at_hz - 1.0).abs() <= speed::REFINE_RANGE;
@@ -343,7 +344,7 @@ mod tests {
             sample_range: (0, u64::from(N)),
         };
         let traces = [Trace::new(&reading, run, Hz(RATE_HZ), &mut plans)];
-        let settled = speed::settle(Hz(nominal_hz), SpeedSource::Machine, None);
+        let settled = speed::settle(Hz(nominal_hz), SpeedSource::Machine, None, false);
         refine(&machine(), settled, &traces, &mut plans)
     }
 

@@ -144,10 +144,10 @@ mod tests {
     use crate::dsp::reference::gaussian_noise;
     use rustfft::num_complex::Complex;
 
-    /// The part read of ten seconds of noise that is ten times as high for 2 ms every `period` samples of 10 kHz, beside shafts of 20 Hz.
-    fn struck_every(period: impl Fn(usize) -> bool, own: &[(Hz, Hz)]) -> Blows {
+    /// The part read of ten seconds of noise at 10 kHz that is ten times as high where it is struck, beside shafts of 20 Hz.
+    fn struck(is_struck: impl Fn(usize) -> bool, own: &[(Hz, Hz)]) -> Blows {
         let noise = gaussian_noise(100_000, 5);
-        let gain = |i: usize| if period(i) { 10.0 } else { 1.0 };
+        let gain = |i: usize| if is_struck(i) { 10.0 } else { 1.0 };
         let x: Vec<f32> =
             noise.iter().enumerate().map(|(i, v)| f32::rounded(v * gain(i))).collect();
         let mut cache = FftCache::<f32>::new();
@@ -171,12 +171,31 @@ mod tests {
     fn blows_count_unless_they_keep_a_rate_of_something_else() {
         // 2 ms of 47: 4.3 of 5.2 parts of the energy, 21.3 times a second, where a bearing's line may stand.
         let own = [(Hz(21.0), Hz(21.6))];
-        let found = struck_every(|i| i % 470 < 20, &own);
+        let found = struck(|i| i % 470 < 20, &own);
         assert!((found.part - 4.3 / 5.2).abs() < 0.06, "{found:?}");
-        let others = |per: usize| struck_every(|i| i % per < 20, &own).is_others;
+        let others = |per: usize| struck(|i| i % per < 20, &own).is_others;
         assert!(others(500) && others(250), "20 and 40 a second are the shaft's");
         assert!(others(410), "24.4 a second are something foreign's");
-        assert!(struck_every(|_| false, &own).part < 0.05);
+        assert!(struck(|_| false, &own).part < 0.05);
+    }
+
+    #[test]
+    fn blows_at_random_places_are_nobodys() {
+        // Exponential waits of 470 samples in the mean, half the sum of two squares of normal values each: no rate at all.
+        let waits = gaussian_noise(600, 11);
+        let starts: Vec<f64> = waits
+            .chunks_exact(2)
+            .scan(0.0, |at, pair| {
+                *at += 235.0 * (pair[0].powi(2) + pair[1].powi(2));
+                Some(*at)
+            })
+            .collect();
+        let is_struck = |i: usize| {
+            let i = i as f64;
+            starts.iter().any(|start| (0.0..20.0).contains(&(i - start)))
+        };
+        let found = struck(is_struck, &[]);
+        assert!(found.part > 0.6 && !found.is_others, "{found:?}");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 pub mod plans;
 mod settle;
+pub mod shaft_lines;
 pub mod speed;
 pub mod tacho;
 mod trace;

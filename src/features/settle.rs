@@ -1,13 +1,16 @@
 //! At what speed the first shaft turns in a window: the contract's precedence, from a tacho to what was written.
 //!
-//! Gathers what `tacho` and `speed` need from the window; which of them is believed is theirs to say.
+//! Gathers what `tacho`, `shaft_lines` and `speed` need from the window; which of them is believed is theirs to say.
 
 use super::Window;
 use super::sensor::SensorReading;
+use super::shaft_lines;
+use super::shaft_lines::Comb;
+use super::shaft_lines::Peak;
 use super::speed;
-use super::speed::Peak;
 use super::speed::Speed;
 use super::speed::SpeedHints;
+use super::speed::SpeedSource;
 use super::tacho;
 use super::targets;
 use super::trace::Trace;
@@ -43,22 +46,8 @@ impl Told<'_> {
             return tacho::with_disagreement(measured, nominal);
         }
         let Some((nominal, source)) = nominal else { return Speed::unknown() };
-        let (mut peaks, mut probes): (Vec<Peak>, Vec<Vec<Peak>>) = Default::default();
-        let mut duration_s = f64::INFINITY;
-        for trace in traces {
-            let rate = trace.rate;
-            let n = trace.samples.len();
-            duration_s = duration_s.min(n as f64 / rate.0);
-            let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
-            let found = speed::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5));
-            probes.extend(self.of_probe(trace, &found));
-            peaks.extend(found);
-        }
-        let imitators = speed::imitators(self.machine);
-        let excluded = targets::mains_lines(self.machine, Hz(nominal.0 * 6.0));
-        let comb = speed::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
-            .or_else(|| speed::find_probe_line(&probes, nominal, duration_s, &excluded));
-        let mut settled = speed::settle(nominal, source, comb);
+        let (comb, is_sure) = self.by_lines(nominal, source, traces);
+        let mut settled = speed::settle(nominal, source, comb, is_sure);
         if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
             settled.notes.extend(tacho::disagreement("--speed", option, "the capture", capture));
         }
@@ -73,6 +62,52 @@ impl Told<'_> {
             ));
         }
         settled
+    }
+
+    /// What the lines of the shafts say of a nominal speed, and whether that is sure.
+    fn by_lines(
+        &self,
+        nominal: Hz,
+        source: SpeedSource,
+        traces: &[Trace<'_>],
+    ) -> (Option<Comb>, bool) {
+        let (mut probes, mut others): (Vec<Vec<Peak>>, Vec<Vec<Peak>>) = Default::default();
+        let mut peaks = Vec::new();
+        let mut duration_s = f64::INFINITY;
+        for trace in traces {
+            let rate = trace.rate;
+            let n = trace.samples.len();
+            duration_s = duration_s.min(n as f64 / rate.0);
+            let top = Hz(nominal.0 * 5.0 * (1.0 + 2.0 * speed::REFINE_RANGE));
+            let found = shaft_lines::peaks(&trace.x_hat, n, rate, top, Hz(nominal.0 * 0.5));
+            match self.of_probe(trace, &found) {
+                Some(of_shaft) => probes.push(of_shaft),
+                None => others.push(found.clone()),
+            }
+            peaks.extend(found);
+        }
+        let imitators = shaft_lines::imitators(self.machine);
+        let excluded = targets::mains_lines(self.machine, Hz(nominal.0 * 6.0));
+        let by_one =
+            |sensors: &[_]| shaft_lines::find_first(sensors, nominal, duration_s, &excluded);
+        let sure = shaft_lines::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
+            .or_else(|| by_one(&probes));
+        if sure.is_some() {
+            return (sure, true);
+        }
+        // A name plate tells the speed at full load; who wrote another down has looked.
+        let is_alone = source == SpeedSource::Machine && !self.has_another_near();
+        let may_tell = is_alone && !shaft_lines::is_imitated(1.0, &imitators);
+        (by_one(&others).filter(|_| may_tell), false)
+    }
+
+    /// Whether another shaft turns nearly as fast as the first.
+    fn has_another_near(&self) -> bool {
+        let mut ratios = self.machine.shafts.iter().filter_map(|shaft| shaft.ratio_to_first);
+        ratios.any(|ratio| {
+            let apart = (ratio - 1.0).abs();
+            apart > f64::EPSILON && shaft_lines::is_imitated(1.0, &[ratio])
+        })
     }
 
     /// Peaks of a proximity probe, in speeds of the first shaft; `None` of any other sensor.

@@ -12,6 +12,13 @@ use crate::units::Hz;
 /// Relative error allowed when a line is matched to another's harmonic.
 const MATCH_TOLERANCE: f64 = 5e-4;
 
+/// Harmonics of a line that explain others together with their side bands.
+const WITH_SIDE_BANDS: u32 = 4;
+
+/// Harmonics of a line that explain others: blows have them all as high, and the fourth of a line one and a half times as
+/// fast is the sixth of theirs; four times that covers rates up to three times as high.
+const HARMONICS: u32 = 12;
+
 /// An accepted line, and what it explains elsewhere.
 #[derive(Debug, Clone)]
 pub(super) struct Accepted<'a> {
@@ -48,12 +55,16 @@ impl<'a> Accepted<'a> {
 
     /// Whether `frequency` is a harmonic or side band of this line.
     pub(super) fn explains(&self, frequency: Hz, resolution: Hz) -> bool {
-        (0..=4).any(|k| {
-            (-2..=2).filter(|m| k != 0 || *m != 0).any(|m| {
-                let place = f64::from(k) * self.frequency.0 + f64::from(m) * self.spacing.0;
-                (frequency.0 - place).abs() <= resolution.0 + MATCH_TOLERANCE * place.abs()
-            })
-        })
+        let is_near = |place: f64| {
+            (frequency.0 - place).abs() <= resolution.0 + MATCH_TOLERANCE * place.abs()
+        };
+        let has_side_band = |k: u32| {
+            (-2..=2)
+                .filter(|m| k != 0 || *m != 0)
+                .any(|m| is_near(f64::from(k) * self.frequency.0 + f64::from(m) * self.spacing.0))
+        };
+        (0..=WITH_SIDE_BANDS).any(has_side_band)
+            || (WITH_SIDE_BANDS + 1..=HARMONICS).any(|k| is_near(f64::from(k) * self.frequency.0))
     }
 }
 
@@ -151,4 +162,21 @@ pub(super) fn heard_best<'a>(
         .filter(|c| !candidate.outdoes_events_at(c.search))
         .max_by(|a, b| a.line_power().total_cmp(&b.line_power()))
         .map_or(candidate.search, |c| c.search)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blows_explain_their_high_harmonics() {
+        let (frequency, spacing) = (Hz(53.682), Hz(15.0));
+        let heard = (ChannelIndex(0), 1.0);
+        let line = Accepted { frequency, spacing, heard, owners: Vec::new() };
+        let explains = |f: f64| line.explains(Hz(f), Hz(0.39));
+        assert!(explains(6.0 * 53.682) && explains(12.0 * 53.682) && !explains(13.0 * 53.682));
+        // The fourth harmonic of 80.45 Hz is their sixth.
+        assert!(explains(4.0 * 80.45) && !explains(80.45));
+        assert!(explains(4.0 * 53.682 + 30.0) && !explains(5.0 * 53.682 + 30.0), "side bands");
+    }
 }

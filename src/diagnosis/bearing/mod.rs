@@ -29,6 +29,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::features::speed::Speed;
+use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
 use accept::Accepted;
@@ -83,10 +84,13 @@ fn reopen(
     let accused = judge_all(&there, context, &accept::accept(&there));
     for (verdict, there) in verdicts.iter_mut().zip(accused) {
         if verdict.state == State::Healthy && there.state.is_accusation() {
-            let stated = features.speed.first.map_or(0.0, |first| first.0);
+            let at = features.speed.first.map_or(0.0, |first| first.0);
+            let told = match features.speed.source {
+                Some(SpeedSource::Estimated) => "told by one line alone",
+                _ => "stated, which nothing confirms",
+            };
             let why = format!(
-                "at the stated speed of {stated:.2} Hz no defect line stands, but nothing confirms that speed, and near {:.2} Hz one \
-                 does: {}; measure the speed",
+                "at the speed of {at:.2} Hz ({told}) no defect line stands, but near {:.2} Hz one does: {}; measure the speed",
                 other.first.0, there.why
             );
             let evidence = [std::mem::take(&mut verdict.evidence), there.evidence].concat();
