@@ -8,6 +8,7 @@ use super::absolute;
 use super::absolute::AbsoluteLine;
 use super::absolute::AbsoluteVibration;
 use super::bands;
+use super::bearing;
 use super::comb;
 use super::comb::Comb;
 use super::following;
@@ -148,6 +149,7 @@ impl Extractor {
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
             heard_blows.retain(|heard| !heard.bands.is_empty());
             impulses::keep(&heard_blows, &mut traces);
+            bearing::keep(&machine, &bearing_lines, &mut traces);
             combs = comb::read(&machine, first, &traces.iter().chain(&cut).collect::<Vec<_>>());
             keep_combs(&machine, &combs, &mut traces);
             for trace in &traces {

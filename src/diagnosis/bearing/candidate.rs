@@ -244,6 +244,11 @@ impl<'a> Candidate<'a> {
         }
     }
 
+    /// Probability that it is chance, in whichever way it is proven better, however deep it is.
+    pub(super) fn least_probability(&self) -> f64 {
+        self.broad_probability.min(self.narrow_probability)
+    }
+
     /// Whether it stands over the noise, so that it competes with a line that accuses: it is not accused,
     /// and pays for no second way.
     pub(super) fn stands(&self) -> bool {

@@ -221,6 +221,11 @@ fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
             .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
 }
 
+/// Whether sound elements that pass may make it: smooth, a tone's modulation, or in the healthy machine's absolute vibration as strongly.
+pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
+}
+
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
 /// rate.
 fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
@@ -338,11 +343,11 @@ pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<
     )
 }
 
-/// Why a line of the turning race that has grown under a shaft that moves does not accuse.
+/// Why a line that has grown under a shaft that moves does not accuse.
 pub(super) fn loaded(grown: &Grown<'_>, context: &Context<'_>) -> String {
     format!(
-        "{}; 1× displacement of the shaft is up, and what turns with it loads the race at one place, which sound \
-         elements pass at this rate: cause not proven",
+        "{}; 1× displacement of the shaft is up, and what turns with it loads the elements more, which pass sound races at \
+         this rate: cause not proven",
         grown.sentence(context)
     )
 }

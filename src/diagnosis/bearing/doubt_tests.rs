@@ -15,6 +15,7 @@ use crate::features::WindowFeatures;
 use crate::features::absolute;
 use crate::features::absolute::AbsoluteLine;
 use crate::features::bands::Band;
+use crate::features::bearing;
 use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::Harmonic;
@@ -158,8 +159,12 @@ pub(in crate::diagnosis::bearing) fn judged_at(
     let usual: BTreeMap<_, _> = healthy
         .chain([(("p".to_owned(), once.clone()), Usual::of_value(1.0))])
         .chain(usual_combs)
-        // The blows of b are known.
+        // The blows of b are known, and how deep its BPFI was.
         .chain([(("b".to_owned(), impulses::BLOWS.to_owned()), Usual::of_value(0.5))])
+        .chain([(
+            ("b".to_owned(), bearing::line_name(DefectLine::Bpfi, "b")),
+            Usual::of_value(0.05),
+        )])
         .collect();
     let displacement = Feature { name: Arc::from(once), value: moved, unit: Unit::Micrometre };
     let record = Record { name: "healthy".to_owned(), usual, n_windows: 1, ..Record::default() };
@@ -306,18 +311,42 @@ fn a_line_that_grew_accuses_unless_a_stronger_one_grew_as_well() {
 }
 
 #[test]
-fn a_line_of_the_turning_race_that_grew_under_a_moving_shaft_accuses_nobody() {
+fn a_line_that_grew_under_a_moving_shaft_accuses_nobody() {
     let grown = |line: DefectLine, moved: f64| {
         judged_on(moved, Vec::new(), vec![absolute_line(0, line, 6.0)]).remove(0)
     };
-    let steady = grown(DefectLine::Bpfi, 2.0);
-    assert_eq!(steady.fault, Some(FaultMode::InnerRace), "{}", steady.why);
-    let moving = grown(DefectLine::Bpfi, 20.0);
-    assert_eq!(moving.state, State::Undetermined, "{}", moving.why);
-    assert!(moving.why.contains("loads the race at one place"), "{}", moving.why);
-    // The race at rest feels no load that stands.
-    let at_rest = grown(DefectLine::Bpfo, 20.0);
-    assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
+    let races =
+        [(DefectLine::Bpfi, FaultMode::InnerRace), (DefectLine::Bpfo, FaultMode::OuterRace)];
+    for (line, fault) in races {
+        let steady = grown(line, 2.0);
+        assert_eq!(steady.fault, Some(fault), "{}", steady.why);
+        let moving = grown(line, 20.0);
+        assert_eq!(moving.state, State::Undetermined, "{}", moving.why);
+        assert!(moving.why.contains("loads the elements more"), "{}", moving.why);
+    }
+}
+
+#[test]
+fn a_small_line_that_is_news_warns_without_a_cause() {
+    let at = |bearing: usize, moved: f64, depth: f64| {
+        let line = search(bearing, DefectLine::Bpfi, depth);
+        judged_on(moved, vec![line], Vec::new()).remove(bearing)
+    };
+    let news = at(1, 1.0, 0.21);
+    assert_eq!((news.state, news.fault), (State::Warning, None), "{}", news.why);
+    assert!(news.why.contains("4.2 times as deep as the baseline"), "{}", news.why);
+    assert_eq!(at(1, 1.0, 0.19).state, State::Healthy, "3.8 times");
+    assert!(at(1, 1.0, 0.3).severity > news.severity, "more of it is worse");
+    assert_eq!(at(1, 1.0, 0.6).fault, Some(FaultMode::InnerRace), "large enough by itself");
+    // Nobody knows what it was at a, and a shaft that moves loads sound races.
+    assert_eq!(at(0, 1.0, 0.21).state, State::Healthy);
+    assert_eq!(at(1, 20.0, 0.21).state, State::Healthy);
+    // Sound elements that pass: smooth, or in a tone's envelope alone.
+    let quiet_above = |reading: &mut BandReading| {
+        reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
+    };
+    let smooth = changed(search(1, DefectLine::Bpfi, 0.21), quiet_above);
+    assert_eq!(judged(vec![smooth], Vec::new()).remove(1).state, State::Healthy);
 }
 
 #[test]

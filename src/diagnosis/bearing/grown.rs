@@ -58,8 +58,8 @@ pub(super) enum Growth<'a> {
     Proven(Grown<'a>),
     /// A line beside a stronger one that has grown as well: of another element, or at another bearing.
     Beside(Grown<'a>, &'a AbsoluteLine),
-    /// A line of the turning race under a shaft that moves more than it did: its bow or unbalance turns with that race
-    /// and loads it at one place, which sound elements pass at the same rate.
+    /// A line under a shaft that moves more than it did: its bow or unbalance turns and loads all elements more, which pass sound races
+    /// at the same rates.
     Carried(Grown<'a>),
 }
 
@@ -102,9 +102,10 @@ pub(super) fn strongest<'a>(
         .filter(is_searched)
         .filter(|l| l.amplitude > grown.line.amplitude)
         .find(|l| growth(l, features, context).is_some());
+    let shaft = context.machine.bearing(bearing).shaft;
     Some(match stronger {
         Some(other) => Growth::Beside(grown, other),
-        None if is_loaded_by_the_shaft(grown.line, features, context) => Growth::Carried(grown),
+        None if rotation::is_moved(shaft, features, context) => Growth::Carried(grown),
         None => Growth::Proven(grown),
     })
 }
@@ -128,17 +129,6 @@ pub(super) fn ratio(
 /// Severity of a growth.
 pub(super) fn severity_of(ratio: f64) -> f64 {
     severity::of_ratio(ratio, GROWN_RATIO, DAMAGED_RATIO)
-}
-
-/// Whether the line is that of the race that turns, of a bearing whose shaft moves more than it did (C9).
-fn is_loaded_by_the_shaft(
-    line: &AbsoluteLine,
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) -> bool {
-    let bearing = context.machine.bearing(line.bearing);
-    line.line == DefectLine::of_turning_race(bearing.rotating_ring)
-        && rotation::is_moved(bearing.shaft, features, context)
 }
 
 /// Ratio of a line's amplitude to its baseline, and the probability of that by chance; `None` if it is too small to

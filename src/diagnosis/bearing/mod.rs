@@ -12,6 +12,7 @@ mod doubt;
 mod evidence;
 mod grown;
 mod owner;
+mod risen;
 mod struck;
 
 use super::Context;
@@ -52,6 +53,7 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
     let mut verdicts = judge_all(features, context, &accepted);
     // A line that stands confirms the speed as well as slip lets it, and what it is of strikes.
     if accepted.is_empty() {
+        risen::warn(&mut verdicts, features, context);
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
         blows::reopen(&mut verdicts, features, context);
     }

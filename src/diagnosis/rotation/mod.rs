@@ -86,6 +86,18 @@ pub(super) fn is_moved(
     signs.displacement.as_ref().is_some_and(Indicator::is_up)
 }
 
+/// Whether anything tells that a shaft turns otherwise than it did and loads its bearings so: its 1× is up in a probe or a housing.
+#[must_use]
+pub(super) fn is_loaded_otherwise(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let signs = signs::signs(shaft, features, context);
+    let once = [&signs.displacement, &signs.cwt, &signs.housing];
+    once.into_iter().flatten().any(Indicator::is_up)
+}
+
 /// Why neither shaft nor gear can be judged, if so; `without`: what to say when no baseline was
 /// offered.
 fn cannot_look(features: &WindowFeatures, context: &Context<'_>, without: &str) -> Option<String> {

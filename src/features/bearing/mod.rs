@@ -9,15 +9,20 @@
 mod carrier;
 mod read;
 
+use super::Feature;
 use super::bands::Band;
 use super::reach::searched_range;
+use super::trace::Trace;
 use crate::machine::BearingIndex;
+use crate::machine::Machine;
 use crate::machine::bearing::FaultRates;
 use crate::machine::bearing::RotatingRing;
 use crate::machine::uncertainty::OrderBands;
 use crate::machine::uncertainty::RelativeBand;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
+use crate::units::Unit;
+use std::sync::Arc;
 
 pub use carrier::leading_tone;
 pub use read::coinciding;
@@ -326,6 +331,37 @@ pub struct LineSearch {
     pub sample_range: (u64, u64),
     /// The readings, one a band, or why there are none.
     pub outcome: Result<Vec<BandReading>, Unreadable>,
+}
+
+impl LineSearch {
+    /// Depth of the fundamental, or of what noise leaves in its place, that a quarter of the bands reach (F27): what baselines and trends hold.
+    /// `None` where it could not be read.
+    #[must_use]
+    pub fn usual_depth(&self) -> Option<f64> {
+        let readings = self.outcome.as_deref().ok()?;
+        let depth = |r: &BandReading| r.harmonics[0].map_or(0.0, |h| h.depth);
+        let mut sorted: Vec<f64> = readings.iter().map(depth).collect();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let quarter = sorted.len().div_ceil(4);
+        sorted.get(quarter.saturating_sub(1)).copied().filter(|depth| *depth > 0.0)
+    }
+}
+
+/// Name of the feature "modulation depth of `line` of `bearing`" of a channel (F27).
+#[must_use]
+pub fn line_name(line: DefectLine, bearing: &str) -> String {
+    format!("envelope_{}_{bearing}", line.slug())
+}
+
+/// Adds the depths of the lines to the features of their channels.
+pub(super) fn keep(machine: &Machine, searches: &[LineSearch], traces: &mut [Trace<'_>]) {
+    for trace in traces {
+        let own = searches.iter().filter(|search| search.channel == trace.channel);
+        trace.features.extend(own.filter_map(|search| {
+            let name = Arc::from(line_name(search.line, &machine.bearing(search.bearing).id));
+            search.usual_depth().map(|value| Feature { name, value, unit: Unit::One })
+        }));
+    }
 }
 
 /// A known line of the machine that must not be read as a defect's.
