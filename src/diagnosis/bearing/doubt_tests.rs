@@ -173,11 +173,15 @@ pub(in crate::diagnosis::bearing) fn judged_at(
         time_s: (0.0, 10.0),
         speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..speed },
         sensors: Vec::new(),
-        channels: vec![ChannelFeatures {
-            channel: ChannelIndex(2),
-            sample_range: (0, 1),
-            values: vec![displacement],
-        }],
+        channels: [vec![], vec![], vec![displacement]]
+            .into_iter()
+            .enumerate()
+            .map(|(channel, values)| ChannelFeatures {
+                channel: ChannelIndex(channel),
+                sample_range: (0, 1),
+                values,
+            })
+            .collect(),
         shaft_lines: vec![OverFloor {
             shaft: ShaftIndex(0),
             channel: ChannelIndex(2),
@@ -341,6 +345,14 @@ fn a_small_line_that_is_news_warns_without_a_cause() {
     // Nobody knows what it was at a, and a shaft that moves loads sound races.
     assert_eq!(at(0, 1.0, 0.21).state, State::Healthy);
     assert_eq!(at(1, 20.0, 0.21).state, State::Healthy);
+    // Lines of two elements, which a baseline knows nothing of at a, and once too little and once too few bands agree: news at b.
+    let two = |bearing: usize| {
+        let lines = [(DefectLine::Bpfi, 0.3), (DefectLine::Bpfo, 0.2)];
+        let lines = lines.map(|(line, depth)| search(bearing, line, depth)).to_vec();
+        judged(lines, Vec::new()).remove(bearing)
+    };
+    assert_eq!(two(0).state, State::Undetermined, "{}", two(0).why);
+    assert_eq!((two(1).state, two(1).fault), (State::Warning, None), "{}", two(1).why);
     // Sound elements that pass: smooth, or in a tone's envelope alone.
     let quiet_above = |reading: &mut BandReading| {
         reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };

@@ -53,7 +53,6 @@ pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentD
     let mut verdicts = judge_all(features, context, &accepted);
     // A line that stands confirms the speed as well as slip lets it, and what it is of strikes.
     if accepted.is_empty() {
-        risen::warn(&mut verdicts, features, context);
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
         blows::reopen(&mut verdicts, features, context);
     }
@@ -81,8 +80,16 @@ fn reopen(
     }
     let speed = Speed { first: Some(other.first), ..features.speed.clone() };
     let bearing_lines = other.lines.clone();
-    let (absolute_lines, combs) = (Vec::new(), Vec::new());
-    let there = WindowFeatures { speed, bearing_lines, absolute_lines, combs, ..features.clone() };
+    // What a baseline could say of them is of the speed at which they were read.
+    let (absolute_lines, combs, channels) = (Vec::new(), Vec::new(), Vec::new());
+    let there = WindowFeatures {
+        speed,
+        bearing_lines,
+        absolute_lines,
+        combs,
+        channels,
+        ..features.clone()
+    };
     let accused = judge_all(&there, context, &accept::accept(&there));
     for (verdict, there) in verdicts.iter_mut().zip(accused) {
         if verdict.state == State::Healthy && there.state.is_accusation() {
@@ -146,11 +153,11 @@ fn judge_one(
             }
             (Some(Growth::Carried(grown)), None) => verdict.why = doubt::loaded(&grown, context),
             (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
-            (None, None) => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
-                Some(why) => verdict.why = why,
-                None => match sensor::all_cut(features, heard_in(&searches), context) {
-                    Some(cut) => verdict.why = cut,
-                    None => acquit(&mut verdict, &candidates, &searches, accepted, features),
+            (None, None) => match risen::strongest(&seen) {
+                Some(risen) => risen.warn(&mut verdict, &seen),
+                None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
+                    Some(why) => verdict.why = why,
+                    None => acquit_what_is_heard(&mut verdict, &candidates, &searches, &seen),
                 },
             },
         },
@@ -406,6 +413,19 @@ fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
         candidate.n_bands,
         candidate.depth(),
     )
+}
+
+/// Healthy, unless the range of a sensor cuts all that could be heard.
+fn acquit_what_is_heard(
+    verdict: &mut ComponentDiagnosis,
+    candidates: &[Candidate<'_>],
+    searches: &[&LineSearch],
+    seen: &Seen<'_>,
+) {
+    match sensor::all_cut(seen.features, heard_in(searches), seen.context) {
+        Some(cut) => verdict.why = cut,
+        None => acquit(verdict, candidates, searches, seen.accepted, seen.features),
+    }
 }
 
 /// Healthy: no line of effect, and none that leaves doubt ([`ambiguous`]).

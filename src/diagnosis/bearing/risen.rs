@@ -5,6 +5,7 @@
 //! inner.
 
 use super::accept;
+use super::accept::Accepted;
 use super::candidate::Candidate;
 use super::doubt;
 use super::doubt::Seen;
@@ -19,56 +20,49 @@ use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::WindowFeatures;
 use crate::features::bearing;
 use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
 use crate::features::overall;
-use crate::machine::BearingIndex;
 
 /// Growth of a depth from which it counts: a depth is of the squared envelope, so that twice the blows (S2) have four times of it.
 const GROWN: f64 = level::WARNING_RATIO * level::WARNING_RATIO;
 
-/// Warns of bearings that would be acquitted beside a line that has grown (C38).
-pub(super) fn warn(
-    verdicts: &mut [ComponentDiagnosis],
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) {
-    // A baseline is of one speed.
-    if features.speed.is_transient() || context.baseline.records.is_empty() {
-        return;
-    }
-    for (index, verdict) in verdicts.iter_mut().enumerate() {
-        if verdict.state != State::Healthy {
-            continue;
-        }
-        let seen = Seen { bearing: BearingIndex(index), features, context, accepted: &[] };
-        if let Some(risen) = strongest(&seen) {
-            let blows = risen.ratio.sqrt();
-            let severity = severity::of_ratio(blows, level::WARNING_RATIO, level::DAMAGED_RATIO);
-            verdict.state = State::Warning;
-            verdict.severity = Some(severity::not_damaged(severity));
-            let speed = 0.5 + 0.5 * features.speed.confidence;
-            verdict.confidence = Some(0.7 * speed * (1.0 - risen.probability));
-            verdict.why = format!(
-                "{}; too small to name a cause, but a quarter of the bands show it {:.1} times as deep as the baseline",
-                sentence(&risen.line, context),
-                risen.ratio,
-            );
-        }
-    }
-}
-
 /// A line that has grown.
-struct Risen<'a> {
+#[derive(Debug)]
+pub(super) struct Risen<'a> {
     line: Candidate<'a>,
     ratio: f64,
     probability: f64,
 }
 
+impl Risen<'_> {
+    /// Fills in a warning without a cause (C38).
+    pub(super) fn warn(&self, verdict: &mut ComponentDiagnosis, seen: &Seen<'_>) {
+        let blows = self.ratio.sqrt();
+        let severity = severity::of_ratio(blows, level::WARNING_RATIO, level::DAMAGED_RATIO);
+        verdict.state = State::Warning;
+        verdict.severity = Some(severity::not_damaged(severity));
+        let speed = 0.5 + 0.5 * seen.features.speed.confidence;
+        verdict.confidence = Some(0.7 * speed * (1.0 - self.probability));
+        verdict.why = format!(
+            "{}; too little to name a cause, but a quarter of the bands show it {:.1} times as deep as the baseline",
+            sentence(&self.line, seen.context),
+            self.ratio,
+        );
+    }
+}
+
 /// The line of a bearing that has grown most: it stands over the noise, nothing else explains it, and neither its shaft moves more than it did
 /// nor did what it is read against get less.
-fn strongest<'a>(seen: &Seen<'a>) -> Option<Risen<'a>> {
+pub(super) fn strongest<'a>(seen: &Seen<'a>) -> Option<Risen<'a>> {
     let (features, context) = (seen.features, seen.context);
+    // What strikes elsewhere, or what nobody owns, may be what is heard; and a baseline is of one speed.
+    let is_own = |s: &LineSearch| s.bearing == seen.bearing;
+    let is_others = |a: &Accepted<'_>| a.owners.is_empty() || !a.owners.iter().all(|s| is_own(s));
+    if features.speed.is_transient() || seen.accepted.iter().any(is_others) {
+        return None;
+    }
     let looks = accept::n_looks(features, seen.bearing);
-    let own = features.bearing_lines.iter().filter(|s| s.bearing == seen.bearing);
+    let own = features.bearing_lines.iter().filter(|s| is_own(s));
     let lines = own
         .filter(|s| s.outcome.is_ok() && s.line != DefectLine::Ftf)
         .map(|s| Candidate::weigh(s, seen.accepted, looks))
@@ -97,12 +91,13 @@ fn growth(
     context: &Context<'_>,
 ) -> Option<(f64, f64)> {
     let search = line.search;
+    // A channel that is cut has none: rates can be read there, depths cannot.
+    let heard = features.channel(search.channel)?;
     let channel = context.channel_name(search.channel);
     let compare = |name: &str, value: f64| context.baseline.compare(channel, name, value);
     let name = bearing::line_name(search.line, &context.machine.bearing(search.bearing).id);
     let depth = compare(&name, search.usual_depth()?)?;
-    let heard = features.channel(search.channel);
-    let beside = heard.and_then(|channel| channel.get(overall::RMS_BESIDE_SHAFTS));
+    let beside = heard.get(overall::RMS_BESIDE_SHAFTS);
     let rest = beside.and_then(|value| compare(overall::RMS_BESIDE_SHAFTS, value));
     let quieter = rest.map_or(1.0, |rest| rest.ratio.min(1.0).powi(2));
     Some((depth.ratio * quieter, confidence::normal_tail(depth.z())))
