@@ -58,6 +58,15 @@ pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec
     bands
 }
 
+/// What a quarter of the bands reach: the ⌈n/4⌉-th largest of a value each; 0 without bands.
+#[must_use]
+pub fn quarter_reach(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(|a, b| b.total_cmp(a));
+    let quarter = sorted.len().div_ceil(4);
+    sorted.get(quarter.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,11 +4,11 @@
 //! with the shafts are down at the noise. Must not know what is healthy.
 
 use super::Feature;
+use super::bands;
 use super::bearing;
 use super::bearing::DepthSpectrum;
 use super::trace::Trace;
 use crate::dsp::impulsive;
-use crate::dsp::real::floor_index;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -25,9 +25,6 @@ const FIRST_BIN: usize = 16;
 
 /// Blows at a rate have nearly as much at twice and three times that; modulation has not.
 const HALF: f64 = 0.5;
-
-/// Bands that must agree, as a part of them: those that resonate bring blows over the noise, others need not.
-const A_QUARTER: f64 = 0.25;
 
 /// Name of the feature "amplitude of blows over that of the rest".
 pub const BLOWS: &str = "blows_over_rest";
@@ -92,24 +89,18 @@ pub struct Impulses {
 }
 
 impl Impulses {
-    /// Part of the energy in blows, whatever makes them, that a quarter of the bands reach; 0 without bands.
+    /// Part of the energy in blows, whatever makes them, that a quarter of the bands reach; 0 without bands. Those that resonate bring blows over
+    /// the noise, others need not.
     #[must_use]
     pub fn agreed(&self) -> f64 {
-        Self::quarter(self.bands.iter().map(|blows| blows.part).collect())
+        bands::quarter_reach(self.bands.iter().map(|blows| blows.part))
     }
 
     /// The same of blows that keep no rate but a bearing's, if any.
     #[must_use]
     pub fn unexplained(&self) -> f64 {
         let part = |blows: &Blows| if blows.is_others { 0.0 } else { blows.part };
-        Self::quarter(self.bands.iter().map(part).collect())
-    }
-
-    /// What a quarter of the values reach.
-    fn quarter(mut sorted: Vec<f64>) -> f64 {
-        sorted.sort_by(|a, b| b.total_cmp(a));
-        let quarter = floor_index((A_QUARTER * sorted.len() as f64).ceil());
-        sorted.get(quarter.saturating_sub(1)).copied().unwrap_or(0.0)
+        bands::quarter_reach(self.bands.iter().map(part))
     }
 
     /// RMS of blows that nothing explains over that of the rest, what trends and baselines hold: √(η/(1 − η)).

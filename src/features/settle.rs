@@ -120,3 +120,52 @@ impl Told<'_> {
         Some(peaks.iter().map(of_first).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dsp::real::Real;
+    use crate::dsp::reference::gaussian_noise;
+    use crate::features::ChannelWindow;
+    use crate::features::plans::Plans;
+    use crate::machine::file;
+    use crate::signal::ChannelIndex;
+
+    const RATE_HZ: f64 = 1000.0;
+    const N: u32 = 10_000;
+
+    /// What the lines of an accelerometer that hears 1× at 29.93 Hz alone say of 29.5 Hz.
+    fn told(source: SpeedSource, more: &str) -> (Option<f64>, bool) {
+        let text = format!(
+            "[machine]\nid = \"m\"\n[[shaft]]\nid = \"s\"\nspeed_hz = 29.5\n{more}[[sensor]]\nchannel = \"a\"\n\
+             kind = \"accelerometer\"\nat = {{ shaft = \"s\" }}\n"
+        );
+        let machine = file::parse(&text, "m.toml").unwrap();
+        let tone = |i: u32| (std::f64::consts::TAU * 29.93 * f64::from(i) / RATE_HZ).cos();
+        let noise = gaussian_noise(N as usize, 3);
+        let x: Vec<f32> =
+            (0..N).zip(noise).map(|(i, noise)| f32::rounded(noise + tone(i))).collect();
+        let run = ChannelWindow { start: 0, time_s: 0.0, samples: &x };
+        let reading = SensorReading {
+            sensor: 0,
+            channel: ChannelIndex(0),
+            absent: None,
+            doubts: Vec::new(),
+            flaw: None,
+            sample_range: (0, u64::from(N)),
+        };
+        let traces = [Trace::new(&reading, run, Hz(RATE_HZ), &mut Plans::new())];
+        let told = Told { machine: &machine, channels: &[], hints: SpeedHints::default() };
+        let (comb, is_sure) = told.by_lines(Hz(29.5), source, &traces);
+        (comb.map(|comb| comb.speed.0), is_sure)
+    }
+
+    #[test]
+    fn a_line_of_accelerometers_moves_a_name_plates_speed_alone_and_is_not_sure() {
+        let (speed, is_sure) = told(SpeedSource::Machine, "");
+        assert!(speed.is_some_and(|hz| (hz - 29.93).abs() < 0.005) && !is_sure, "{speed:?}");
+        assert_eq!(told(SpeedSource::Capture, ""), (None, false), "who wrote it has looked");
+        let another = "[[shaft]]\nid = \"t\"\nspeed_hz = 30.0\n";
+        assert_eq!(told(SpeedSource::Machine, another), (None, false), "which of the two");
+    }
+}

@@ -339,6 +339,8 @@ fn a_small_line_that_is_news_warns_without_a_cause() {
     let news = at(1, 1.0, 0.21);
     assert_eq!((news.state, news.fault), (State::Warning, None), "{}", news.why);
     assert!(news.why.contains("4.2 times as deep as the baseline"), "{}", news.why);
+    let shown = news.evidence.iter().find(|e| e.indicator == "envelope_growth_bpfi").unwrap();
+    assert!((shown.value - 4.2).abs() < 1e-9 && shown.threshold == Some(4.0), "{shown:?}");
     assert_eq!(at(1, 1.0, 0.19).state, State::Healthy, "3.8 times");
     assert!(at(1, 1.0, 0.3).severity > news.severity, "more of it is worse");
     assert_eq!(at(1, 1.0, 0.6).fault, Some(FaultMode::InnerRace), "large enough by itself");
@@ -353,7 +355,7 @@ fn a_small_line_that_is_news_warns_without_a_cause() {
     };
     assert_eq!(two(0).state, State::Undetermined, "{}", two(0).why);
     assert_eq!((two(1).state, two(1).fault), (State::Warning, None), "{}", two(1).why);
-    // Sound elements that pass: smooth, or in a tone's envelope alone.
+    // Sound elements that pass move smoothly.
     let quiet_above = |reading: &mut BandReading| {
         reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
     };

@@ -17,11 +17,13 @@ use crate::diagnosis::level;
 use crate::diagnosis::rotation;
 use crate::diagnosis::severity;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::diagnosis::verdict::Evidence;
 use crate::features::WindowFeatures;
 use crate::features::bearing;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::overall;
+use crate::units::Unit;
 
 /// Growth of a depth from which it counts: a depth is of the squared envelope, so that twice the blows (S2) have four times of it.
 const GROWN: f64 = level::WARNING_RATIO * level::WARNING_RATIO;
@@ -48,6 +50,25 @@ impl Risen<'_> {
             sentence(&self.line, seen.context),
             self.ratio,
         );
+        verdict.evidence.push(self.evidence(seen.context));
+    }
+
+    /// The growth, for the record.
+    fn evidence(&self, context: &Context<'_>) -> Evidence {
+        let search = self.line.search;
+        Evidence {
+            indicator: format!("envelope_growth_{}", search.line.slug()),
+            channel: context.channel_name(search.channel).to_owned(),
+            detector: None,
+            frequency: self.line.best.as_ref().map(|best| best.frequency),
+            expected: Some(search.expected),
+            order: None,
+            value: self.ratio,
+            unit: Unit::One,
+            threshold: Some(GROWN),
+            false_alarm_probability: Some(self.probability),
+            sample_range: Some(search.sample_range),
+        }
     }
 }
 
@@ -99,6 +120,24 @@ fn growth(
     let depth = compare(&name, search.usual_depth()?)?;
     let beside = heard.get(overall::RMS_BESIDE_SHAFTS);
     let rest = beside.and_then(|value| compare(overall::RMS_BESIDE_SHAFTS, value));
-    let quieter = rest.map_or(1.0, |rest| rest.ratio.min(1.0).powi(2));
-    Some((depth.ratio * quieter, confidence::normal_tail(depth.z())))
+    let ratio = at_the_old_level(depth.ratio, rest.map(|rest| rest.ratio));
+    Some((ratio, confidence::normal_tail(depth.z())))
+}
+
+/// The ratio of depths that there would be in a channel as loud as it was; `rest`: how loud it is now beside the shafts' lines.
+fn at_the_old_level(ratio: f64, rest: Option<f64>) -> f64 {
+    ratio * rest.map_or(1.0, |rest| rest.min(1.0).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quieter_channel_makes_no_news() {
+        // The same blows in noise of half the RMS are four times as deep.
+        assert!((at_the_old_level(4.0, Some(0.5)) - 1.0).abs() < 1e-15);
+        assert!((at_the_old_level(4.0, Some(2.0)) - 4.0).abs() < 1e-15, "louder: no excuse");
+        assert!((at_the_old_level(4.0, None) - 4.0).abs() < 1e-15);
+    }
 }

@@ -10,6 +10,7 @@ mod carrier;
 mod read;
 
 use super::Feature;
+use super::bands;
 use super::bands::Band;
 use super::reach::searched_range;
 use super::trace::Trace;
@@ -340,10 +341,7 @@ impl LineSearch {
     pub fn usual_depth(&self) -> Option<f64> {
         let readings = self.outcome.as_deref().ok()?;
         let depth = |r: &BandReading| r.harmonics[0].map_or(0.0, |h| h.depth);
-        let mut sorted: Vec<f64> = readings.iter().map(depth).collect();
-        sorted.sort_by(|a, b| b.total_cmp(a));
-        let quarter = sorted.len().div_ceil(4);
-        sorted.get(quarter.saturating_sub(1)).copied().filter(|depth| *depth > 0.0)
+        Some(bands::quarter_reach(readings.iter().map(depth))).filter(|depth| *depth > 0.0)
     }
 }
 
