@@ -24,6 +24,13 @@ const SPLITS: [u32; 3] = [1, 2, 4];
 /// Levels there are: the whole, halves, quarters.
 pub const LEVELS: usize = SPLITS.len();
 
+/// Motions that passing elements impose end below this many times their rate: of a smooth one, 12 dB an octave, less than a thousandth is left
+/// above the eighth harmonic.
+const MOTION_LINES: f64 = 8.0;
+
+/// Nor is the band they live in cut below 2 kHz: modes of shafts and housings ring there, and carry such motions upwards.
+const MOTION: Hz = Hz(2000.0);
+
 /// Part of the Nyquist band that is used when the sensor states no usable band: anti-alias filters
 /// of the field roll off above 0.9…0.95 of it.
 const USABLE_PART_OF_NYQUIST: f64 = 0.95;
@@ -58,6 +65,32 @@ pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec
     bands
 }
 
+/// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds
+/// [`MOTION_LINES`] times the rate of the `fastest` line and [`MOTION`]; from the lowest up, as measured. Empty where it is too narrow for that.
+#[must_use]
+pub fn octaves_of_lowest(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Band> {
+    let Some(parts) = SPLITS.into_iter().take(levels).next_back() else {
+        return Vec::new();
+    };
+    let low = usable.0;
+    let least = MOTION.0.max(MOTION_LINES * fastest.0);
+    let mut width = (usable.1.0 - low.0) / f64::from(parts);
+    let mut bands = Vec::new();
+    let octave = |from: f64, to: f64| {
+        let (low, high) = (Hz(low.0 + from), Hz(low.0 + to));
+        Band { low, high, whitened: false }
+    };
+    while width / 2.0 >= least {
+        bands.push(octave(width / 2.0, width));
+        width /= 2.0;
+    }
+    if !bands.is_empty() {
+        bands.push(octave(0.0, width));
+        bands.reverse();
+    }
+    bands
+}
+
 /// What a quarter of the bands reach: the ⌈n/4⌉-th largest of a value each; 0 without bands.
 #[must_use]
 pub fn quarter_reach(values: impl Iterator<Item = f64>) -> f64 {
@@ -78,6 +111,24 @@ mod tests {
         let quarters: Vec<_> = bands.iter().filter(|b| b.high.0 - b.low.0 < 1001.0).collect();
         assert_eq!(quarters.len(), 8);
         assert!((quarters[3].high.0 - 4100.0).abs() < 1e-9, "exact sums of representable widths");
+    }
+
+    #[test]
+    fn a_wide_lowest_band_is_cut_down_to_the_motion_of_passing_elements() {
+        let octaves = |top: f64, fastest: f64| -> Vec<(f64, f64)> {
+            let bands = octaves_of_lowest((Hz(0.0), Hz(top)), Hz(fastest), LEVELS);
+            bands.iter().map(|b| (b.low.0, b.high.0)).collect()
+        };
+        // 20, 64 and 200 kHz.
+        assert!(octaves(9_500.0, 100.0).is_empty());
+        assert_eq!(octaves(30_400.0, 100.0), [(0.0, 3_800.0), (3_800.0, 7_600.0)]);
+        let many = octaves(95_000.0, 100.0);
+        assert_eq!(many.len(), 4);
+        assert!((many[0].1 - 2_968.75).abs() < 1e-9 && (many[3].1 - 23_750.0).abs() < 1e-9);
+        assert!(many.windows(2).all(|pair| (pair[0].1 - pair[1].0).abs() < 1e-9), "they tile it");
+        // Fast elements move the machine at higher frequencies.
+        assert_eq!(octaves(95_000.0, 700.0).len(), 3);
+        assert_eq!(octaves(30_400.0, 500.0).len(), 0);
     }
 
     #[test]

@@ -120,6 +120,7 @@ impl<'m> LineReader<'m> {
                 resolution: Hz(HANN_LOBE / duration_s),
                 sample_range: heard.2,
                 outcome: blocked.map_or(Ok(Vec::new()), Err),
+                octaves: Vec::new(),
             });
             if is_readable {
                 pending.push((searches.len() - 1, target));
@@ -162,7 +163,10 @@ impl<'m> LineReader<'m> {
         let ranges = pending.iter().map(|(_, t)| reach::searched_range(t.line, t.expected, t.band));
         let own: Vec<(Hz, Hz)> = ranges.collect();
         let mut depth = Vec::new();
-        for band in bands::demodulation_bands(usable, min_width, self.band_levels) {
+        let bands = bands::demodulation_bands(usable, min_width, self.band_levels);
+        let octaves = bands::octaves_of_lowest(usable, Hz(fastest), self.band_levels);
+        let bands = bands.into_iter().map(|band| (band, false));
+        for (band, is_octave) in bands.chain(octaves.into_iter().map(|band| (band, true))) {
             let source = if band.whitened { &whitened[..] } else { x_hat };
             let Some((bin_hz, mean_square)) =
                 self.depth_spectrum(source, (n, rate), band, (&mut depth, plans))
@@ -182,8 +186,10 @@ impl<'m> LineReader<'m> {
                 let search = &mut searches[*place];
                 let task = target.task(duration_s);
                 let reading = bearing::read_line(&spectrum, band, &task, &mut self.scratch);
-                if let (Ok(readings), Some(reading)) = (&mut search.outcome, reading) {
-                    readings.push(reading);
+                match (&mut search.outcome, reading) {
+                    (Ok(_), Some(reading)) if is_octave => search.octaves.push(reading),
+                    (Ok(readings), Some(reading)) => readings.push(reading),
+                    (_, None) | (Err(_), _) => {}
                 }
             }
         }

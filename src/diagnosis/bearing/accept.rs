@@ -139,8 +139,8 @@ pub(super) fn accept_among<'a>(
     }
 }
 
-/// Among equal bearings with a sensor each the line belongs to the one whose sensor shows it with the
-/// most power, whatever makes it there. Those that share the candidate's channel are told apart by [`owner::owners`].
+/// Among bearings with a sensor each that have a line at this rate, the same or another element's, it belongs to the one whose sensor shows it
+/// with the most power, whatever makes it there. Those that share the candidate's channel are told apart by [`owner::owners`].
 pub(super) fn heard_best<'a>(
     features: &'a WindowFeatures,
     candidate: &Candidate<'a>,
@@ -150,7 +150,12 @@ pub(super) fn heard_best<'a>(
     features
         .bearing_lines
         .iter()
-        .filter(|s| s.line == candidate.search.line)
+        .filter(|s| {
+            let is_element = |s: &LineSearch| s.line != DefectLine::Ftf;
+            let is_elsewhere = s.bearing != candidate.search.bearing;
+            s.line == candidate.search.line
+                || is_elsewhere && is_element(s) && is_element(candidate.search)
+        })
         .filter(|s| s.channel != candidate.search.channel || std::ptr::eq(*s, candidate.search))
         .filter(|s| !accepted.iter().any(|a| a.is_of(s.bearing, s.line)))
         .map(|s| Candidate::weigh_all(s, accepted, n_looks(features, s.bearing)))

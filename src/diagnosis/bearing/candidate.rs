@@ -63,10 +63,12 @@ pub(super) struct Candidate<'a> {
 /// Power a line carries, u².
 #[derive(Debug, Clone, Copy, Default)]
 struct LinePower {
-    /// In the lowest band, whether it shows the line or not.
+    /// In the lowest band, or the lowest octave of it where it is wide, whether it shows the line or not.
     lowest: f64,
     /// The same if it shows the line, else 0.
     lowest_shown: f64,
+    /// Upper edge of that band.
+    lowest_top: Hz,
     /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
     above: Option<f64>,
     /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
@@ -78,9 +80,9 @@ struct LinePower {
 }
 
 impl LinePower {
-    /// From the readings as measured (a whitened band has no power of its own).
+    /// From the readings as measured (a whitened band has no power of its own), `octaves` those of the lowest band where it is wide.
     fn of(
-        readings: &[BandReading],
+        (readings, octaves): (&[BandReading], &[BandReading]),
         own: impl Fn(&BandReading) -> bool,
         stands: impl Fn(&BandReading) -> bool,
     ) -> Self {
@@ -95,16 +97,18 @@ impl LinePower {
         };
         let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
         let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
+        let above = || raw().chain(octaves).filter(is_above);
         let power = |r: &BandReading| r.total_depth() * r.mean_square;
         let shown = |r: &BandReading| if shows(r) { power(r) } else { 0.0 };
-        let touching = raw().filter(|r| r.band.low.0 <= floor_hz);
+        let touching = raw().chain(octaves).filter(|r| r.band.low.0 <= floor_hz);
         let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
         Self {
             lowest: lowest.map_or(0.0, power),
             lowest_shown: lowest.map_or(0.0, shown),
-            above: raw().filter(is_above).map(shown).max_by(f64::total_cmp),
+            lowest_top: lowest.map_or(Hz(0.0), |r| r.band.high),
+            above: above().map(shown).max_by(f64::total_cmp),
             // A tone that is modulated is no blow that hides others.
-            is_hidden_above: !raw().filter(is_above).any(|r| own(r) || r.carrier.is_some()),
+            is_hidden_above: !above().any(|r| own(r) || r.carrier.is_some()),
             of_tone: strongest(&|r| r.carrier.is_some() && stands(r)),
             of_blows: strongest(&|r| r.carrier.is_none() && shows(r)),
         }
@@ -153,6 +157,11 @@ impl<'a> Candidate<'a> {
         self.power.above.filter(|above| *above > 0.0).unwrap_or(self.power.lowest_shown)
     }
 
+    /// Upper edge of the lowest band, in which a smooth motion lives (C12).
+    pub(super) fn motion_top(&self) -> Hz {
+        self.power.lowest_top
+    }
+
     pub(super) fn power_ratio(&self) -> f64 {
         let fundamental = self.best.as_ref().and_then(|b| b.harmonics[0]);
         fundamental.map_or(0.0, |h| h.power_ratio)
@@ -186,8 +195,10 @@ impl<'a> Candidate<'a> {
         let before: Vec<&Accepted<'_>> = before.collect();
         let explained = |f: Hz| before.iter().any(|a| a.explains(f, search.resolution));
         let own = |r: &BandReading| fit(r) && !explained(r.frequency);
-        let readings: Vec<BandReading> =
-            readings.iter().map(|r| r.without_harmonics(explained)).collect();
+        let alone = |readings: &[BandReading]| -> Vec<BandReading> {
+            readings.iter().map(|r| r.without_harmonics(explained)).collect()
+        };
+        let (readings, octaves) = (alone(readings), alone(&search.octaves));
         let probabilities: Vec<f64> = readings
             .iter()
             .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
@@ -203,7 +214,7 @@ impl<'a> Candidate<'a> {
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
-            power: LinePower::of(&readings, own, stands),
+            power: LinePower::of((&readings, &octaves), own, stands),
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
@@ -351,6 +362,7 @@ mod tests {
             resolution: Hz(0.2),
             sample_range: (0, 1),
             outcome: Ok((0..8).map(reading).collect()),
+            octaves: Vec::new(),
         }
     }
 
@@ -385,6 +397,17 @@ mod tests {
         let strong = in_quarters(10.0, 0.05);
         let both = [&strong, &high].map(|s| Candidate::weigh_all(s, &[], 1.0));
         assert!(is_smooth(&both));
+        // Where the lowest quarter is wide, what rings in its upper octave rings.
+        let mut fast = in_quarters(1.0, 0.05);
+        let Ok(readings) = &fast.outcome else { return };
+        let octave = |low: f64, high: f64, power: f64| {
+            let band = Band { low: Hz(low), high: Hz(high), whitened: false };
+            BandReading { band, mean_square: power, ..readings[0].clone() }
+        };
+        fast.octaves = vec![octave(0.0, 500.0, 0.7), octave(500.0, 1e3, 0.3)];
+        assert!(!of(&fast));
+        fast.octaves[1].mean_square = 0.05;
+        assert!(of(&fast));
         // One band alone tells nothing.
         assert!(!of(&search(DefectLine::Bpfo, 8, 0.5)));
     }

@@ -7,6 +7,7 @@ use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
 use super::grown::Grown;
+use super::risen;
 use super::sentence;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
@@ -42,6 +43,8 @@ pub(super) enum Doubt {
     Bare,
     /// A cage's line that unequal elements make as well.
     Carried,
+    /// A cage's line beside which nothing of the bearing stands.
+    Lone,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
@@ -116,6 +119,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::Bare)
     } else if line.is_carried() {
         Says::Doubt(Doubt::Carried)
+    } else if is_lone(line, seen) {
+        Says::Doubt(Doubt::Lone)
     } else if line.is_overheard(seen.accepted) {
         Says::Doubt(Doubt::Overheard)
     } else if is_smooth(line, seen) {
@@ -143,6 +148,7 @@ pub(super) fn why_open(
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
         Doubt::Bare
         | Doubt::Carried
+        | Doubt::Lone
         | Doubt::Overheard
         | Doubt::Smooth
         | Doubt::OfTone
@@ -152,6 +158,7 @@ pub(super) fn why_open(
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
         Doubt::Bare => without_cage(line, seen.context),
         Doubt::Carried => carried(line, seen.context),
+        Doubt::Lone => lone(line, seen.context),
         Doubt::Overheard => overheard(line, seen.context),
         Doubt::Smooth => smooth(line, seen.context),
         Doubt::OfTone => of_tone(line, seen.context),
@@ -221,6 +228,25 @@ fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
             .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
 }
 
+/// Whether it is a cage's line beside which no line of this bearing's races or elements stands in the channel, and which no baseline shows to
+/// be news: a cage that is damaged disturbs what they do, belts and shafts that nobody listed strike at such rates, too (C9).
+fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let looks = accept::n_looks(seen.features, seen.bearing);
+    let beside = |s: &&LineSearch| {
+        (s.bearing, s.channel) == (line.search.bearing, line.search.channel)
+            && s.line != DefectLine::Ftf
+            && s.outcome.is_ok()
+    };
+    line.search.line == DefectLine::Ftf
+        && !risen::is_news(line, seen)
+        && !seen
+            .features
+            .bearing_lines
+            .iter()
+            .filter(beside)
+            .any(|s| is_notable(&Candidate::weigh(s, &[], looks)))
+}
+
 /// Whether sound elements that pass may make it: smooth, a tone's modulation, or in the healthy machine's absolute vibration as strongly.
 pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
@@ -271,9 +297,10 @@ fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 /// Why a line of the lowest band alone does not accuse.
 fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
-        "{}; it lies in the lowest band alone, as the motion does that passing elements impose, impacts ring \
-         above it: not accused",
-        sentence(line, context)
+        "{}; more than nine tenths of its power lie below {:.1} kHz, as of the motion that passing elements impose; impacts \
+         ring above, too: not accused",
+        sentence(line, context),
+        line.motion_top().0 / 1e3
     )
 }
 
@@ -316,6 +343,15 @@ fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
     )
 }
 
+/// Why a cage's line that stands alone does not accuse.
+fn lone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; no other line of this bearing stands beside it, and a belt or a shaft that the machine file does not list strikes so, \
+         too: not accused",
+        sentence(line, context)
+    )
+}
+
 /// Why a line that a much stronger neighbour may cause does not accuse.
 fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
@@ -327,9 +363,10 @@ fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
 /// Why a deep line in few bands neither accuses nor acquits.
 fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
-        "{}; too few bands agree to accuse, too deep to acquit: a baseline of the healthy machine would \
+        "{}; too few bands have {:.2} to accuse, too deep to acquit: a baseline of the healthy machine would \
          tell",
-        sentence(line, context)
+        sentence(line, context),
+        severity::WARNING_DEPTH
     )
 }
 
@@ -366,11 +403,14 @@ pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String 
     )
 }
 
+/// Whether it is there in more than a quarter of the bands, whatever its effect.
+fn is_notable(line: &Candidate<'_>) -> bool {
+    line.depth() >= AMBIGUOUS_DEPTH && line.noted_part() >= AMBIGUOUS_PART
+}
+
 /// Lines of two elements in one channel, each in more than a quarter of the bands, none of effect (C9).
 fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
-    let notable =
-        |c: &&Candidate<'_>| c.depth() >= AMBIGUOUS_DEPTH && c.noted_part() >= AMBIGUOUS_PART;
-    let found: Vec<&Candidate<'_>> = candidates.iter().filter(notable).collect();
+    let found: Vec<&Candidate<'_>> = candidates.iter().filter(|c| is_notable(c)).collect();
     let channel = found.iter().map(|c| c.search.channel).find(|channel| {
         found
             .iter()

@@ -72,6 +72,7 @@ pub(in crate::diagnosis::bearing) fn search(
         resolution: Hz(0.2),
         sample_range: (0, 1),
         outcome: Ok((0..4).map(reading).collect()),
+        octaves: Vec::new(),
     }
 }
 
@@ -290,13 +291,36 @@ fn a_line_of_the_race_at_rest_that_turns_with_the_shaft_leaves_nothing_open() {
 }
 
 #[test]
+fn other_elements_of_two_bearings_at_one_rate_belong_to_the_one_that_is_louder() {
+    // The rate may be BPFI of a as well as BPFO of b, each heard by a sensor of its own; b's is the deeper.
+    let verdicts = |power_at_a: f64| {
+        let loud = |reading: &mut BandReading| reading.mean_square = power_at_a;
+        let at_a = changed(search(0, DefectLine::Bpfi, 0.6), loud);
+        judged(vec![at_a, search(1, DefectLine::Bpfo, 0.8)], Vec::new())
+    };
+    let (loud, quiet) = (verdicts(4.0), verdicts(0.25));
+    assert_eq!((loud[0].fault, loud[1].fault), (Some(FaultMode::InnerRace), None));
+    assert_eq!(loud[1].state, State::Healthy, "{}", loud[1].why);
+    assert_eq!((quiet[0].fault, quiet[1].fault), (None, Some(FaultMode::OuterRace)));
+}
+
+#[test]
 fn a_cage_is_accused_from_full_modulation_on() {
     // Two harmonics: D = √2 of the depth of each, 0.85 and 1.13.
-    let of = |depth: f64| judged(vec![search(0, DefectLine::Ftf, depth)], Vec::new()).remove(0);
-    let (carried, damaged) = (of(0.6), of(0.8));
+    let of = |lines: Vec<LineSearch>| judged(lines, Vec::new()).remove(0);
+    // The outer race shows that the elements are disturbed.
+    let beside = |depth: f64| {
+        of([(DefectLine::Ftf, depth), (DefectLine::Bpfo, 0.2)]
+            .map(|(l, d)| search(0, l, d))
+            .to_vec())
+    };
+    let (carried, damaged) = (beside(0.6), beside(0.8));
     assert_eq!(carried.state, State::Undetermined, "{}", carried.why);
     assert!(carried.why.contains("unequal elements"), "{}", carried.why);
     assert_eq!(damaged.fault, Some(FaultMode::Cage), "{}", damaged.why);
+    let lone = of(vec![search(0, DefectLine::Ftf, 0.8)]);
+    assert_eq!(lone.state, State::Undetermined, "{}", lone.why);
+    assert!(lone.why.contains("a belt"), "{}", lone.why);
 }
 
 #[test]

@@ -104,6 +104,11 @@ pub(super) fn strongest<'a>(seen: &Seen<'a>) -> Option<Risen<'a>> {
         .filter(|_| !rotation::is_loaded_otherwise(shaft, features, context))
 }
 
+/// Whether a line is so much deeper than in the baseline as to be news.
+pub(super) fn is_news(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    growth(line, seen.features, seen.context).is_some_and(|(ratio, _)| ratio >= GROWN)
+}
+
 /// How much deeper a line is than in the baseline, and the probability of that by chance. Where the channel is quieter than it was the
 /// depth is brought to the old level: the same blows are deeper in less.
 fn growth(

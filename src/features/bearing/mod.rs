@@ -332,6 +332,9 @@ pub struct LineSearch {
     pub sample_range: (u64, u64),
     /// The readings, one a band, or why there are none.
     pub outcome: Result<Vec<BandReading>, Unreadable>,
+    /// The same in the octaves of the lowest band where that is wide, from the lowest up (F4): they tell what is below from what rings above, and
+    /// are asked nothing else.
+    pub octaves: Vec<BandReading>,
 }
 
 impl LineSearch {

@@ -139,6 +139,12 @@ fn side_band(
 /// fewer than a dozen elements other lines, this far below a defect's.
 const HIGHEST_MULTIPLE: u32 = 12;
 
+/// Highest multiple of a comb's rate: what strikes every other or every third turn has lines that reach over all of a defect's.
+const HIGHEST_OF_COMB: u32 = 40;
+
+/// Half the distance of two lines is known to this, cells, where each is placed within a tenth (0.1/√2).
+const SPACING_TOLERANCE: f64 = 0.07;
+
 /// A slower rate's line must be this part as high: strikes have lines of heights that fall with the rate.
 const EQUAL_HEIGHT: f64 = 0.5;
 
@@ -173,7 +179,7 @@ fn slower_rate(
     let wander = if is_sharp(spectrum, task, (frequency_hz, fundamental)) { 0.0 } else { WANDER };
     let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(wander * frequency_hz);
     let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
-    (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
+    let below = (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
         let centre = bin_at(frequency_hz / multiple, spectrum.bin_hz);
         let reach = floor_index(tolerance_hz / multiple / spectrum.bin_hz) + 1;
         let at = strongest_peak(spectrum, centre.saturating_sub(reach)..=centre + reach)?;
@@ -185,6 +191,44 @@ fn slower_rate(
         let found =
             measure(spectrum, task, at, Searched::peaks(bins), scratch).filter(|_| is_equal)?;
         (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
+    });
+    below.or_else(|| comb_rate(spectrum, task, (frequency_hz, fundamental), scratch))
+}
+
+/// The rate g of a comb of which the line at f is the m-th, m above those looked for otherwise (F14): the lines f ± g beside it stand
+/// out and are half as deep at least, as those of strikes are that have many; a defect's line has none there. At the spacing
+/// of its own side bands f ± 2g must, too.
+fn comb_rate(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    (frequency_hz, fundamental): (f64, Harmonic),
+    scratch: &mut Vec<f32>,
+) -> Option<Hz> {
+    let mut place_of_equal = |near_hz: f64| -> Option<f64> {
+        let centre = bin_at(near_hz, spectrum.bin_hz);
+        let at = strongest_peak(spectrum, centre.saturating_sub(1)..=centre + 1)?;
+        let (place, height) = peak(spectrum.depth, at);
+        if height < EQUAL_HEIGHT * fundamental.depth {
+            return None;
+        }
+        let read = measure(spectrum, task, at, Searched::peaks(3.0), scratch)?;
+        (read.power_ratio > STANDS_OUT).then_some(place * spectrum.bin_hz)
+    };
+    let is_apart = |m: &f64| frequency_hz / (m * m) >= spectrum.bin_hz;
+    let mut multiples =
+        (HIGHEST_MULTIPLE + 1..=HIGHEST_OF_COMB).map(f64::from).take_while(is_apart);
+    multiples.find_map(|m| {
+        let below = place_of_equal(frequency_hz - frequency_hz / m)?;
+        let above = place_of_equal(frequency_hz + frequency_hz / m)?;
+        let spacing = (above - below) / 2.0;
+        let is_multiple =
+            (m * spacing - frequency_hz).abs() <= m * SPACING_TOLERANCE / spectrum.duration_s;
+        let is_own = (spacing - task.side_band_spacing.0).abs() <= task.resolution.0;
+        let mut reaches_on = || {
+            place_of_equal(frequency_hz - 2.0 * spacing).is_some()
+                && place_of_equal(frequency_hz + 2.0 * spacing).is_some()
+        };
+        (is_multiple && (!is_own || reaches_on())).then_some(Hz(spacing))
     })
 }
 

@@ -225,6 +225,30 @@ fn a_multiple_of_something_slower_is_told_from_a_line_of_its_own() {
 }
 
 #[test]
+fn a_line_of_a_dense_comb_is_told_from_a_line_of_its_own() {
+    // Strikes at a seventeenth of the rate, whose first lines are lost in noise.
+    let (own, spacing) = ((98.9, 0.5), 98.9 / 17.0);
+    let (below, above) = (98.9 - spacing, 98.9 + spacing);
+    let found = slower(&[own, (below, 0.4), (above, 0.3)], DefectLine::Bpfo).unwrap();
+    assert!((found - spacing).abs() < 0.01, "{found}");
+    // One of them alone, one less than half as high, or spaced otherwise: side bands of a line that stands by itself.
+    assert_eq!(slower(&[own, (below, 0.4)], DefectLine::Bpfo), None);
+    assert_eq!(slower(&[own, (below, 0.4), (above, 0.2)], DefectLine::Bpfo), None);
+    assert_eq!(slower(&[own, (below - 0.05, 0.4), (above + 0.05, 0.4)], DefectLine::Bpfo), None);
+    // At the spacing of a rolling element's own side bands, FTF, the second ones must be as high.
+    let read = |second: f64, ftf_hz: f64| {
+        let beside = [-2.0, -1.0, 1.0, 2.0]
+            .map(|k: f64| (98.9 + k * spacing, if k.abs() > 1.5 { second } else { 0.4 }));
+        let depth = spectrum_of(&[&[own], &beside[..]].concat(), 0.05);
+        let (line, side_band_spacing) = (DefectLine::TwoBsf, Hz(ftf_hz));
+        let task = LineTask { line, side_band_spacing, ..task(&[]) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap().slower
+    };
+    assert!(read(0.1, 11.0).is_some());
+    assert!(read(0.1, spacing).is_none() && read(0.3, spacing).is_some());
+}
+
+#[test]
 fn a_line_that_is_smeared_is_a_multiple_of_what_lies_as_far_away_as_it_reaches() {
     // A speed that turns back at 32.967 Hz and rests at 32.7: the third harmonic is highest at one end, the first at the other.
     let resting = (32.7, 0.8);

@@ -3,11 +3,13 @@
 
 use crate::diagnosis::confidence;
 use crate::features::WindowFeatures;
-use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::reach;
 use crate::units::Hz;
+
+/// Part of the bands with a line in which its side bands must stand.
+const A_QUARTER: f64 = 0.25;
 
 /// The searches of `search`'s channel that the line found at `frequency` may belong to; one if it can
 /// be decided.
@@ -50,21 +52,17 @@ fn may_stand_at(search: &LineSearch, frequency: Hz) -> bool {
     (low.0 - margin..=high.0 + margin).contains(&frequency.0)
 }
 
-/// Whether side bands at the spacing of `search` stand beside its line found at `frequency` in most
-/// of the bands where it was found there.
+/// Whether side bands at the spacing of `search` stand beside its line found at `frequency` in a quarter of the bands where it was
+/// found there (C4): they are weaker than the line, and lost in the noise of bands that hear it less well.
 pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
     let readings = search.outcome.as_deref().unwrap_or(&[]);
-    let here: Vec<&BandReading> = readings
+    let tails: Vec<f64> = readings
         .iter()
         .filter(|r| (r.frequency.0 - frequency.0).abs() <= search.resolution.0)
         .filter(|r| confidence::band_probability(r) <= confidence::FALSE_ALARM_PROBABILITY)
+        .map(|r| r.side_band.map_or(1.0, |side| confidence::harmonic_tail(&side)))
         .collect();
-    let stands = |r: &&&BandReading| {
-        r.side_band.is_some_and(|side| {
-            confidence::harmonic_tail(&side) <= confidence::FALSE_ALARM_PROBABILITY
-        })
-    };
-    2 * here.iter().filter(stands).count() > here.len()
+    confidence::combine(&tails, A_QUARTER) <= confidence::FALSE_ALARM_PROBABILITY
 }
 
 #[cfg(test)]

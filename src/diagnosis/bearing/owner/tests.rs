@@ -8,6 +8,7 @@ use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::bands::Band;
+use crate::features::bearing::BandReading;
 use crate::features::bearing::Harmonic;
 use crate::features::bearing::Searched;
 use crate::features::speed::Speed;
@@ -47,6 +48,7 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
         resolution: Hz(0.2),
         sample_range: (0, 1),
         outcome: Ok((0..if (order - 5.0).abs() < 0.5 { 4 } else { 0 }).map(reading).collect()),
+        octaves: Vec::new(),
     }
 }
 
@@ -165,4 +167,26 @@ fn a_line_out_of_reach_of_all_others_is_accused_as_ever() {
         ("a", DefectLine::TwoBsf, 6.0, NARROW, false),
     ];
     assert_eq!(judged(&["a"], &lines)[0].fault, Some(FaultMode::OuterRace));
+}
+
+#[test]
+fn side_bands_in_a_quarter_of_the_bands_are_enough_and_paid_for() {
+    let stands = |power_ratios: &[f64]| {
+        let mut found = search(0, ("a", DefectLine::TwoBsf, 4.98, NARROW, false));
+        found.outcome.as_mut().unwrap().truncate(power_ratios.len());
+        for (reading, ratio) in found.outcome.as_mut().unwrap().iter_mut().zip(power_ratios) {
+            let side = Harmonic { searched: Searched::largest(6.0, 2.0), ..harmonic(*ratio) };
+            reading.side_band = Some(side);
+        }
+        has_side_bands(&found, Hz(150.0))
+    };
+    assert!(!stands(&[1.0; 4]));
+    assert!(stands(&[40.0, 1.0, 1.0, 1.0]));
+    // Enough in a band that is looked at alone, not in one of four.
+    let tail = |ratio: f64| {
+        let side = Harmonic { searched: Searched::largest(6.0, 2.0), ..harmonic(ratio) };
+        confidence::harmonic_tail(&side)
+    };
+    let ratio = (80..200).map(|z| f64::from(z) / 10.0).find(|z| tail(*z) <= 8e-4).unwrap();
+    assert!(stands(&[ratio]) && !stands(&[ratio, 1.0, 1.0, 1.0]));
 }
