@@ -65,8 +65,8 @@ pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec
     bands
 }
 
-/// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds
-/// [`MOTION_LINES`] times the rate of the `fastest` line and [`MOTION`]; from the lowest up, as measured. Empty where it is too narrow for that.
+/// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds eight times the
+/// rate of the `fastest` line and 2 kHz (F4); from the lowest up, as measured. Empty where it is too narrow for that.
 #[must_use]
 pub fn octaves_of_lowest(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Band> {
     let Some(parts) = SPLITS.into_iter().take(levels).next_back() else {
