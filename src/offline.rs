@@ -21,6 +21,7 @@ use crate::pipeline::MonitorError;
 use crate::pipeline::Outcome;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
+use crate::pipeline::windows;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -297,9 +298,8 @@ fn implied_machine(info: &CaptureInfo) -> Machine {
 fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference) -> Settings {
     let rate: f64 = channels.iter().map(|c| c.sample_rate.0).sum();
     let longest = WINDOW_S.min(MAX_WINDOW_SAMPLES / rate.max(1.0));
-    let n = (info.duration_s / longest).ceil().max(1.0);
     let whole = info.segments.is_none() && info.duration_s > 0.0;
-    let window_s = if whole { info.duration_s / n } else { longest };
+    let window_s = if whole { windows::equal_s(info.duration_s, longest) } else { longest };
     let provisional = info.segments.filter(|n| *n >= MIN_SEGMENTS_FOR_PROVISIONAL);
     let none_given = reference.baseline.records.is_empty();
     Settings {

@@ -10,7 +10,7 @@ use crate::dsp::fir::Decimator;
 use crate::evaluation::score::{self, Outcome};
 use crate::features::bands;
 use crate::trials::Trial;
-use crate::trials::grid::{self, Plan, Task};
+use crate::trials::grid::{self, Part, Plan, Task};
 use crate::units::Hz;
 use cpu_time::ThreadTime;
 use serde_json::{Value, json};
@@ -101,14 +101,14 @@ pub fn run(effort: &Effort, tell: &mut Tell<'_>) -> Result<Vec<Vec<Cell>>, Bench
         n_seeds: 1,
         is_thin: true,
         is_healthy: false,
+        part: Some(Part::Stand),
     };
     let tasks = grid::tasks(&plan);
-    let tasks: Vec<&Task> = tasks.iter().filter(|task| matches!(task, Task::Stand(..))).collect();
     let every = (tasks.len() / effort.n_trials.max(1)).max(1);
     let mut rows = Vec::new();
     for thinned in effort.settings {
         let taken = tasks.iter().step_by(every).take(effort.n_trials);
-        let row = row(taken.copied(), *thinned)?;
+        let row = row(taken, *thinned)?;
         tell(&row)?;
         rows.push(row);
     }

@@ -6,7 +6,7 @@
 mod copied;
 mod renewal;
 mod trail;
-mod windows;
+pub mod windows;
 
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;

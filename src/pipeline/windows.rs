@@ -1,5 +1,11 @@
 //! Where windows lie: a grid of hops from the start of each contiguous run of stream time.
 
+/// Length of the fewest equal windows that lie end to end in a record and are no longer than `longest_s`, s.
+#[must_use]
+pub fn equal_s(duration_s: f64, longest_s: f64) -> f64 {
+    duration_s / (duration_s / longest_s).ceil().max(1.0)
+}
+
 /// Lays the windows of one stream.
 #[derive(Debug, Clone)]
 pub(super) struct WindowGrid {

@@ -3,18 +3,48 @@
 //! Rules are set on seeds below 1000 and reported on those from 1000 on.
 
 use super::Trial;
+use super::defect::Defect;
+use super::drawn;
 use super::gears;
 use super::motion::Motion;
 use super::rig;
 use super::rig::Bad;
 use super::rig::Rig;
 use super::stand;
-use super::stand::Defect;
 use super::stand::Disturbance;
 use crate::units::Hz;
 
 /// First seed that figures are reported on.
 pub const FIRST_REPORTED_SEED: u64 = 1000;
+
+/// A part of the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The motor stand.
+    Stand,
+    /// Machines drawn at random.
+    Drawn,
+    /// Gear pairs.
+    Gears,
+    /// The simulated rig.
+    Rig,
+}
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Stand, Self::Drawn, Self::Gears, Self::Rig];
+
+    /// Name of the part.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stand => "stand",
+            Self::Drawn => "drawn",
+            Self::Gears => "gears",
+            Self::Rig => "rig",
+        }
+    }
+}
 
 /// What of the grid is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,13 +57,17 @@ pub struct Plan {
     pub is_thin: bool,
     /// Only machines in good health.
     pub is_healthy: bool,
+    /// This part instead of all.
+    pub part: Option<Part>,
 }
 
-/// A part of the grid that is made on its own.
+/// What of the grid is made on its own.
 #[derive(Debug, Clone)]
 pub enum Task {
     /// One record of the stand, with the name of its group.
     Stand(String, stand::Setting),
+    /// One record of a machine drawn at random, with the name of its group.
+    Drawn(String, drawn::Setting),
     /// One record of a gear pair.
     Gears(gears::Setting),
     /// All combinations of the rig at one speed, clearance and load, at these strengths of noise.
@@ -67,9 +101,27 @@ const LOADS: [(f64, f64); 5] = [(2.0, 1.0), (2.0, 2.0), (8.0, 1.0), (8.0, 2.0), 
 const NO_TACHO_NOISE_DB: f64 = 20.0;
 const WRITTEN_SPEED_ERROR: f64 = 0.02;
 
-/// All parts of a plan, in order.
+/// All tasks of a plan, in order.
 #[must_use]
 pub fn tasks(plan: &Plan) -> Vec<Task> {
+    let has = |part: Part| plan.part.is_none_or(|only| only == part);
+    let mut tasks = Vec::new();
+    if has(Part::Stand) {
+        tasks.extend(stand_tasks(plan));
+    }
+    if has(Part::Drawn) {
+        tasks.extend(drawn_tasks(plan));
+    }
+    if has(Part::Gears) {
+        tasks.extend(gear_tasks(plan));
+    }
+    if has(Part::Rig) {
+        tasks.extend(rig_tasks(plan));
+    }
+    tasks
+}
+
+fn stand_tasks(plan: &Plan) -> Vec<Task> {
     let mut tasks = Vec::new();
     for (name, motion, has_tacho) in MOTIONS {
         for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
@@ -94,8 +146,31 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
             }
         }
     }
-    tasks.extend(gear_tasks(plan));
-    tasks.extend(rig_tasks(plan));
+    tasks
+}
+
+/// Strengths of a drawn machine's defect over its noise, dB.
+const DRAWN_DB: [(f64, f64); 4] = [(-10.0, -5.0), (-5.0, 0.0), (0.0, 5.0), (5.0, 10.0)];
+
+/// As many sound machines as damaged ones are drawn.
+fn drawn_tasks(plan: &Plan) -> Vec<Task> {
+    let strengths = if plan.is_thin { &DRAWN_DB[2..3] } else { &DRAWN_DB[..] };
+    let mut tasks = Vec::new();
+    for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
+        let defects = strengths.iter().flat_map(|db| Defect::ALL.map(|defect| (defect, *db)));
+        let mut number = 0;
+        for (defect, db) in defects {
+            let sound = drawn::Setting { defect: None, number, seed };
+            tasks.push(Task::Drawn("drawn, sound".to_owned(), sound));
+            if !plan.is_healthy {
+                let group = format!("drawn, defect {} to {} dB", db.0, db.1);
+                let damaged =
+                    drawn::Setting { defect: Some((defect, db)), number: number + 1, seed };
+                tasks.push(Task::Drawn(group, damaged));
+            }
+            number += 2;
+        }
+    }
     tasks
 }
 
@@ -167,6 +242,9 @@ impl Task {
         match self {
             Self::Stand(group, setting) => {
                 sink(stand::trial(group, setting).map_err(|e| e.to_string()));
+            }
+            Self::Drawn(group, setting) => {
+                sink(drawn::trial(group, setting).map_err(|e| e.to_string()));
             }
             Self::Gears(setting) => sink(gears::trial(setting).map(|(trial, _)| trial)),
             Self::Rig { healthy, noise_db, bad } => {

@@ -1,16 +1,19 @@
 //! Records made on the fly with a known answer, to try the diagnosis on: of a stand in closed form
-//! ([`stand`]), and of the simulated rig ([`rig`]).
+//! ([`stand`]), of gear pairs ([`gears`]), of machines every number of which is drawn ([`drawn`]), and of the simulated
+//! rig ([`rig`]).
 //!
 //! [`grid`] says which. A trial hands the monitor samples, channels and what a machine file would say, nothing of the
 //! answer; the verdict is scored like that on any recording. Pure: the seed makes the record. Must not know
 //! files, the clock, or how verdicts come about.
 
+pub mod defect;
+pub mod drawn;
+pub mod gears;
 pub mod grid;
 pub mod motion;
 pub mod rig;
 pub mod stand;
 pub mod vibration;
-pub mod gears;
 
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
@@ -24,6 +27,7 @@ use crate::pipeline::MonitorError;
 use crate::pipeline::Outcome;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
+use crate::pipeline::windows;
 use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
@@ -95,7 +99,7 @@ impl Trial {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn diagnose(&self) -> Result<Option<Diagnosis>, MonitorError> {
-        self.diagnose_thinned(WINDOW_S, bands::LEVELS)
+        self.diagnose_thinned(self.measured.window_s(), bands::LEVELS)
     }
 
     /// The same, judged in windows of this length one behind the other, s, and in so many levels of demodulation bands.
@@ -120,9 +124,19 @@ impl Measured {
     /// # Errors
     /// When no sensor of the machine has a channel.
     pub fn learn(&self, name: &str) -> Result<Record, MonitorError> {
-        let (monitor, outcomes) = self.run(Baseline::default(), WINDOW_S, bands::LEVELS)?;
+        let (monitor, outcomes) = self.run(Baseline::default(), self.window_s(), bands::LEVELS)?;
         let windows: Vec<_> = outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
         Ok(Record::of_windows(name, &windows, monitor.channels()))
+    }
+
+    fn duration_s(&self) -> f64 {
+        let seconds = self.channels.iter().zip(&self.samples);
+        seconds.map(|(info, samples)| samples.len() as f64 / info.sample_rate.0).fold(0.0, f64::max)
+    }
+
+    /// Length of equal windows end to end, as a capture is judged in.
+    fn window_s(&self) -> f64 {
+        windows::equal_s(self.duration_s(), WINDOW_S)
     }
 
     fn run(
@@ -145,10 +159,8 @@ impl Measured {
 
     /// The record as a recorder gives it, turn by turn: a window must not be judged before every channel has it.
     fn blocks(&self) -> impl Iterator<Item = Block> {
-        let seconds = self.channels.iter().zip(&self.samples);
-        let seconds = seconds.map(|(info, samples)| samples.len() as f64 / info.sample_rate.0);
         let turns = (0_u32..).map(|turn| f64::from(turn) * TURN_S);
-        let longest_s = seconds.fold(0.0, f64::max);
+        let longest_s = self.duration_s();
         turns.take_while(move |begin_s| *begin_s < longest_s).flat_map(move |begin_s| {
             let channels = self.channels.iter().zip(&self.samples).enumerate();
             channels.filter_map(move |(index, (info, samples))| {

@@ -6,13 +6,13 @@
 
 use super::Measured;
 use super::Trial;
+use super::defect::Defect;
 use super::motion::Motion;
 use super::motion::Turn;
 use super::vibration;
 use super::vibration::Path;
 use super::vibration::Strikes;
 use crate::diagnosis::baseline::Baseline;
-use crate::diagnosis::fault::FaultMode;
 use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
@@ -94,30 +94,6 @@ impl Disturbance {
             Self::Knock => "knock a turn",
             Self::Neighbour => "machine beside it",
             Self::UnknownBearing => "unknown bearing",
-        }
-    }
-}
-
-/// Which element of the drive-end bearing is damaged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Defect {
-    /// Struck at BPFI, through the load zone.
-    InnerRace,
-    /// Struck at BPFO.
-    OuterRace,
-    /// Struck at 2·BSF, through the load zone with the cage.
-    RollingElement,
-}
-
-impl Defect {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::InnerRace, Self::OuterRace, Self::RollingElement];
-
-    fn fault(self) -> FaultMode {
-        match self {
-            Self::InnerRace => FaultMode::InnerRace,
-            Self::OuterRace => FaultMode::OuterRace,
-            Self::RollingElement => FaultMode::RollingElement,
         }
     }
 }
@@ -206,7 +182,7 @@ fn vibrations(
     let gain = 10.0_f64.powf(setting.defect_db / 20.0);
     let mut channel = |hears: f64| {
         let mut x = match setting.disturbance {
-            Disturbance::Pink => pink(random),
+            Disturbance::Pink => vibration::pink(N_SAMPLES, RATE_HZ, random),
             Disturbance::None
             | Disturbance::RandomStrikes
             | Disturbance::Hum
@@ -243,13 +219,10 @@ fn defect_strikes(
 ) -> Option<Vec<f64>> {
     let defect = setting.defect?;
     let orders = machine.bearings.first()?.fault_orders()?;
-    let (order, modulation) = match defect {
-        Defect::InnerRace => (orders.bpfi, (1.0, 0.8)),
-        Defect::OuterRace => (orders.bpfo, (1.0, 0.0)),
-        Defect::RollingElement => (orders.two_bsf(), (orders.ftf, 0.8)),
-    };
-    let order = order * (1.0 + random.random_range(SLIP.0..SLIP.1));
-    let strikes = Strikes { order, jitter: 0.01, scatter: 0.2, modulation };
+    let depth = if defect == Defect::OuterRace { 0.0 } else { 0.8 };
+    let order = defect.order(&orders) * (1.0 + random.random_range(SLIP.0..SLIP.1));
+    let modulation = (defect.load_order(&orders), depth);
+    let strikes = Strikes { order, jitter: 0.01, drift: 0.0, scatter: 0.2, modulation };
     Some(strikes.make(turn, N_SAMPLES, RATE_HZ, random))
 }
 
@@ -260,8 +233,13 @@ fn foreign_strikes(
     turn: &Turn,
     random: &mut Pcg64Mcg,
 ) -> Vec<(Vec<f64>, f64)> {
-    let even =
-        |order: f64, jitter: f64| Strikes { order, jitter, scatter: 0.2, modulation: (1.0, 0.0) };
+    let even = |order: f64, jitter: f64| Strikes {
+        order,
+        jitter,
+        drift: 0.0,
+        scatter: 0.2,
+        modulation: (1.0, 0.0),
+    };
     let mut make = |strikes: Strikes, turn: &Turn| strikes.make(turn, N_SAMPLES, RATE_HZ, random);
     match disturbance {
         Disturbance::None | Disturbance::Pink | Disturbance::Hum | Disturbance::Tones => Vec::new(),
@@ -320,22 +298,6 @@ fn add_tones(x: &mut [f64], disturbance: Disturbance, turn: &Turn, random: &mut 
         | Disturbance::Neighbour
         | Disturbance::UnknownBearing => {}
     }
-}
-
-/// Noise of −3 dB an octave: first-order low-passes an octave and a half apart, of equal power.
-fn pink(random: &mut Pcg64Mcg) -> Vec<f64> {
-    let poles: Vec<f64> = (0..7).map(|k| (-TAU * 8.0 * 3.0_f64.powi(k) / RATE_HZ).exp()).collect();
-    let mut states = vec![0.0; poles.len()];
-    let mut x = Vec::with_capacity(N_SAMPLES);
-    for _ in 0..N_SAMPLES {
-        for (state, pole) in states.iter_mut().zip(&poles) {
-            *state = pole * *state + (1.0 - pole * pole).sqrt() * vibration::normal(random);
-        }
-        x.push(states.iter().sum());
-    }
-    let mut scaled = vec![0.0; N_SAMPLES];
-    vibration::add_scaled(&mut scaled, &x, 1.0);
-    scaled
 }
 
 #[cfg(test)]

@@ -20,9 +20,12 @@ use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::TruthErrors;
 use crate::offline::OfflineError;
 use crate::trials::grid::FIRST_REPORTED_SEED;
+use crate::trials::grid::Part;
 use crate::trials::grid::Plan;
 use clap::Args;
 use clap::ValueEnum;
+use clap::builder::PossibleValuesParser;
+use clap::builder::TypedValueParser;
 use std::io;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -35,6 +38,7 @@ Examples:
   rotorwatch evaluate truth.csv --format json > evaluation.json
   rotorwatch evaluate --grid
   rotorwatch evaluate --grid --seeds 2 --thin
+  rotorwatch evaluate --grid --part drawn --seeds 20
 
 TRUTH.csv has a line a capture: file, dataset, label (healthy, a fault as in the diagnosis document, ball,
 gear_tooth_broken, run_to_failure), and may have component, baseline (captures with ; between), acceptable (verdicts
@@ -47,8 +51,8 @@ healthy; wrong cause: another fault or component accused; false alarm: anything 
 machine. A run to failure is right if its first alarm comes in its second half and before its end.
 
 --grid makes its records: a motor stand with bearing defects of four strengths and eight kinds of disturbance, at
-steady and changing speed, gear pairs by two models with damaged, worn and merely eccentric or
-ghost-ridden teeth, and the simulated rig with good and bad gear, shaft and bearing at five speeds, two
+steady and changing speed; machines of which everything is drawn, sampling rate, speed, bearings and fourteen kinds of
+disturbance; gear pairs by two models with damaged, worn and merely eccentric or ghost-ridden teeth; the simulated rig with good and bad gear, shaft and bearing at five speeds, two
 clearances, two loads, four strengths of noise, with and without a baseline (twenty minutes on two cores).
 
 Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";
@@ -76,6 +80,10 @@ pub struct Arguments {
     /// Machines in good health only: how often they are accused.
     #[arg(long, requires = "grid")]
     pub healthy: bool,
+    /// One part of the grid instead of all.
+    #[arg(long, requires = "grid", value_name = "PART",
+          value_parser = PossibleValuesParser::new(Part::ALL.map(Part::name)).try_map(part))]
+    pub part: Option<Part>,
     /// Folder of the machine files, one a data set; `machines` beside TRUTH.csv by default.
     #[arg(long, value_name = "DIR")]
     pub machines: Option<PathBuf>,
@@ -85,6 +93,11 @@ pub struct Arguments {
     /// What is printed.
     #[arg(long, value_enum, default_value = "text", value_name = "FORMAT")]
     pub format: Format,
+}
+
+/// The part of this name.
+fn part(name: String) -> Result<Part, String> {
+    Part::ALL.into_iter().find(|part| part.name() == name).ok_or(name)
 }
 
 /// Forms of the answer.
@@ -165,6 +178,7 @@ fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
         n_seeds: arguments.seeds,
         is_thin: arguments.thin,
         is_healthy: arguments.healthy,
+        part: arguments.part,
     };
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
     let records = grid::records(&plan, arguments.format == Format::Text);

@@ -1,0 +1,254 @@
+//! Machines drawn at random (T8, T9): the trials whose every number differs.
+//!
+//! Sampling rate, length, speed and how it is told, bearings, sensors, transfer paths, noise and what
+//! else disturbs come from the seed: other trials keep some of it fixed, and a rule may fit just that. [`plant`] draws the
+//! machine, [`sounds`] what it sounds like beside the defect. Seeds below 1000 are for those who set rules, figures
+//! come from the others. Must not know how verdicts come about.
+
+pub mod plant;
+pub mod sounds;
+
+use super::Measured;
+use super::Trial;
+use super::defect::Defect;
+use super::vibration;
+use super::vibration::Path;
+use super::vibration::Strikes;
+use crate::diagnosis::baseline::Baseline;
+use crate::dsp::real::Real;
+use crate::evaluation::truth::Known;
+use crate::evaluation::truth::KnownFault;
+use crate::machine::bearing::Bearing;
+use crate::machine::file::MachineFileErrors;
+use crate::pipeline::SpeedHints;
+use crate::units::Unit;
+use plant::Plant;
+use plant::Told;
+use rand::RngExt;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use sounds::Sounds;
+
+/// Machines of one seed at most: numbers of the next seed's follow.
+pub const MAX_NUMBER: u64 = 64;
+
+/// One trial.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setting {
+    /// What is damaged at the first bearing, and the range of the power of its ringing over that of the noise where it is
+    /// heard best, dB.
+    pub defect: Option<(Defect, (f64, f64))>,
+    /// Which machine of the seed, below [`MAX_NUMBER`].
+    pub number: u64,
+    /// Makes the record.
+    pub seed: u64,
+}
+
+/// Slip of a bearing, relative, and what a rolling element's rate differs beside it.
+const SLIP: (f64, f64) = (-0.015, 0.003);
+const ELEMENT_SLIP: f64 = 0.01;
+
+/// Part of the defects that strike twice: where an element enters, and where it leaves, this part of a distance later.
+const STRIKES_TWICE: f64 = 0.3;
+const LEAVES_AFTER: (f64, f64) = (0.05, 0.3);
+
+/// How much weaker than the nearest the other sensors hear a source.
+const FAR: (f64, f64) = (0.1, 0.6);
+
+/// Makes a trial.
+///
+/// # Errors
+/// Never, as long as the drawn machine files are right.
+pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors> {
+    let number = setting.seed.wrapping_mul(MAX_NUMBER).wrapping_add(setting.number);
+    let mut random = Pcg64Mcg::seed_from_u64(number);
+    let plant = Plant::draw(&mut random)?;
+    let mut sounds = Sounds::draw(&plant, setting.defect.is_none(), &mut random);
+    let mut name = format!("{group}, seed {}, number {}: {plant}", setting.seed, setting.number);
+    if let Some((defect, db)) = setting.defect {
+        let db = random.random_range(db.0..db.1);
+        let strikes = strikes(&plant, defect, &mut random);
+        sounds.strike(strikes, 10.0_f64.powf(db / 20.0), &mut random);
+        name += &format!("; {} {db:.1} dB", defect.fault().name());
+    }
+    name += &sounds.names().iter().map(|name| format!("; {name}")).collect::<String>();
+    let mut channels = Vec::new();
+    let mut samples = Vec::new();
+    for sensor in 0..plant.n_sensors {
+        channels.push(super::channel(
+            &plant::channel(sensor),
+            Unit::MetrePerSecondSquared,
+            plant.rate,
+        ));
+        samples.push(recorded(&sounds.at(&plant, sensor, &mut random), &mut random));
+    }
+    if plant.told == Told::Tacho {
+        channels.push(super::channel(plant::TACHO, Unit::Volt, plant.rate));
+        let is_mark = |turned: &f64| turned.rem_euclid(1.0) < 0.1;
+        samples.push(plant.turned.iter().map(|t| if is_mark(t) { 5.0 } else { 0.0 }).collect());
+    }
+    let known = setting.defect.map(|(defect, _)| KnownFault {
+        fault: defect.fault(),
+        component: Some(plant::DAMAGED.to_owned()),
+    });
+    Ok(Trial {
+        group: group.to_owned(),
+        name,
+        label: setting.defect.map_or("healthy", |(defect, _)| defect.fault().name()).to_owned(),
+        known: Known::Faults(known.into_iter().collect()),
+        speed: plant.mean_speed(),
+        is_visible: None,
+        measured: Measured {
+            hints: SpeedHints { option: None, capture: plant.written },
+            machine: plant.machine,
+            channels,
+            samples,
+        },
+        baseline: Baseline::default(),
+    })
+}
+
+/// Strikes of a defect of the first bearing (T3, T8).
+fn strikes(plant: &Plant, defect: Defect, random: &mut Pcg64Mcg) -> Vec<f64> {
+    let Some(orders) = plant.machine.bearings.first().and_then(Bearing::fault_orders) else {
+        return Vec::new();
+    };
+    let mut slip = random.random_range(SLIP.0..SLIP.1);
+    let depth = match defect {
+        Defect::InnerRace => random.random_range(0.4..1.0),
+        Defect::OuterRace => {
+            if random.random_bool(0.33) {
+                0.3
+            } else {
+                0.0
+            }
+        }
+        Defect::RollingElement => {
+            slip += random.random_range(-ELEMENT_SLIP..ELEMENT_SLIP);
+            random.random_range(0.3..1.0)
+        }
+    };
+    let order = defect.order(&orders) * (1.0 + slip);
+    let unevenness = random.random_range(0.002..0.02);
+    let drifts = random.random_bool(0.5);
+    let strikes = Strikes {
+        order,
+        jitter: if drifts { 0.0 } else { unevenness },
+        drift: if drifts { unevenness } else { 0.0 },
+        scatter: random.random_range(0.1..0.4),
+        modulation: (defect.load_order(&orders), depth),
+    };
+    let mut struck = strikes.make(&plant.turn, plant.turned.len(), plant.rate.0, random);
+    if random.random_bool(STRIKES_TWICE) {
+        let part = random.random_range(LEAVES_AFTER.0..LEAVES_AFTER.1);
+        let strength =
+            random.random_range(0.4..1.0) * if random.random_bool(0.5) { 1.0 } else { -1.0 };
+        let later =
+            crate::dsp::real::floor_index(part * plant.rate.0 / (order * plant.mean_speed().0));
+        for at in (later..struck.len()).rev() {
+            struck[at] += strength * struck[at - later];
+        }
+    }
+    struck
+}
+
+/// What the nearest and the other sensors hear of a source, the nearest being the first.
+fn levels(n_sensors: usize, nearest: f64, random: &mut Pcg64Mcg) -> Vec<f64> {
+    let far = |_| nearest * random.random_range(FAR.0..FAR.1);
+    std::iter::once(nearest).chain((1..n_sensors).map(far)).collect()
+}
+
+/// A path drawn in Hz (T8): stiffer modes move more.
+fn path(rate_hz: f64, random: &mut Pcg64Mcg) -> Path {
+    let top_hz = random.random_range(6e3..25e3_f64).min(0.45 * rate_hz);
+    let lowest_hz = (0.03 * top_hz).max(300.0);
+    let tilt = random.random_range(0.0..1.3);
+    let n_modes = random.random_range(2..=8);
+    let mode = |_| {
+        let frequency_hz = log_uniform((lowest_hz, top_hz), random);
+        vibration::Mode {
+            omega: std::f64::consts::TAU * frequency_hz / rate_hz,
+            damping: random.random_range(0.01..0.06),
+            amplitude: vibration::normal(random) * (frequency_hz / top_hz).powf(tilt),
+        }
+    };
+    Path::of(&(0..n_modes).map(mode).collect::<Vec<_>>())
+}
+
+/// As a recorder gives it: in some unit, some with an offset, some in coarse steps.
+fn recorded(x: &[f64], random: &mut Pcg64Mcg) -> Vec<f32> {
+    let rms = (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt();
+    let gain = (2.0 * vibration::normal(random)).exp();
+    let offset = if random.random_bool(0.3) { 5.0 * rms * vibration::normal(random) } else { 0.0 };
+    let step = random.random_bool(0.2).then(|| rms / random.random_range(5.0..50.0));
+    let stepped = |v: f64| step.map_or(v, |step| (v / step).round() * step);
+    x.iter().map(|v| f32::rounded(gain * stepped(v + offset))).collect()
+}
+
+/// Draws a number whose logarithm is even.
+fn log_uniform(range: (f64, f64), random: &mut Pcg64Mcg) -> f64 {
+    random.random_range(range.0.ln()..range.1.ln()).exp()
+}
+
+/// exp of a normal number of this mean and deviation.
+fn log_normal(mean: f64, deviation: f64, random: &mut Pcg64Mcg) -> f64 {
+    (mean + deviation * vibration::normal(random)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    const DEFECT: (Defect, (f64, f64)) = (Defect::InnerRace, (5.0, 10.0));
+
+    #[test]
+    fn the_seed_makes_the_record_and_every_number_another() {
+        let make =
+            |number: u64| trial("t", &Setting { defect: Some(DEFECT), number, seed: 7 }).unwrap();
+        let (one, again, other) = (make(1), make(1), make(2));
+        assert_eq!(one.name, again.name);
+        assert_eq!(one.measured.samples, again.measured.samples);
+        assert_ne!(one.measured.samples, other.measured.samples);
+        assert_eq!(one.measured.channels.len(), one.measured.samples.len());
+        assert!(one.measured.samples.iter().flatten().all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn rates_speeds_sensors_and_disturbances_are_all_drawn() {
+        let (mut rates, mut told, mut names) = (BTreeSet::new(), Vec::new(), BTreeSet::new());
+        for number in 0..150 {
+            let mut random = Pcg64Mcg::seed_from_u64(number);
+            let plant = Plant::draw(&mut random).unwrap();
+            rates.insert(plant.rate.0.to_bits());
+            told.push((plant.told, plant.n_sensors, plant.machine.bearings.len()));
+            let first = |name: &String| name.split(' ').next().unwrap_or_default().to_owned();
+            names.extend(Sounds::draw(&plant, true, &mut random).names().iter().map(first));
+            let (plate, mean) = (plant.machine.nominal_speed().unwrap(), plant.mean_speed());
+            assert!((plate.0 / mean.0 - 1.0).abs() <= 0.02);
+            assert_eq!(plant.written.is_some(), plant.told == Told::Written);
+        }
+        assert_eq!(rates.len(), 17);
+        assert_eq!(names.len(), 14, "{names:?}");
+        for wanted in [Told::Written, Told::NamePlate, Told::Tacho] {
+            assert!(told.iter().any(|(told, ..)| *told == wanted));
+        }
+        assert_eq!(told.iter().map(|(_, sensors, _)| *sensors).max(), Some(3));
+    }
+
+    #[test]
+    fn a_defect_rings_as_loud_as_stated_at_the_first_sensor() {
+        for seed in 0..4 {
+            let mut random = Pcg64Mcg::seed_from_u64(seed);
+            let plant = Plant::draw(&mut random).unwrap();
+            let mut sounds = Sounds::silent(&plant);
+            let strikes = strikes(&plant, Defect::OuterRace, &mut random);
+            let power = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;
+            let quiet = power(&sounds.at(&plant, 0, &mut random));
+            sounds.strike(strikes, 3.0, &mut random);
+            let loud = power(&sounds.at(&plant, 0, &mut random));
+            // Nine times the noise; the two meet by chance.
+            assert!((quiet - 1.0).abs() < 1e-9 && (loud - 10.0).abs() < 0.5, "{quiet} {loud}");
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! The machine and how it is recorded (T8), and the machine file that a user would write for it.
+
+use super::log_uniform;
+use crate::machine::Machine;
+use crate::machine::file;
+use crate::machine::file::MachineFileErrors;
+use crate::trials::motion::Motion;
+use crate::trials::motion::Turn;
+use crate::units::Hz;
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use std::fmt;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+/// The bearing that is damaged: the first sensor sits on it.
+pub const DAMAGED: &str = "b0";
+
+/// Channel of the tacho.
+pub const TACHO: &str = "tacho";
+
+/// Sampling rates of common recorders, Hz.
+const RATES_HZ: [f64; 17] = [
+    5000.0, 6400.0, 8192.0, 10_240.0, 12_000.0, 12_800.0, 20_000.0, 20_480.0, 25_600.0, 42_000.0,
+    48_828.0, 50_000.0, 51_200.0, 64_000.0, 97_656.0, 102_400.0, 200_000.0,
+];
+
+/// Lengths, s, and samples at most.
+const DURATION_S: (f64, f64) = (1.0, 20.0);
+const MAX_SAMPLES: f64 = 800_000.0;
+
+/// A record shorter than this has its speed written down or a tacho, s: no signal tells it better than 1/T.
+const TELLS_SPEED_S: f64 = 2.0;
+
+/// Speeds, Hz.
+const SPEED_HZ: (f64, f64) = (8.0, 50.0);
+
+/// How far a speed beside the record, and one on a name plate, may be off, relative.
+const WRITTEN: f64 = 0.003;
+const NAME_PLATE: f64 = 0.02;
+
+/// Pitch diameter of all bearings, mm: only ratios matter.
+const PITCH_MM: f64 = 50.0;
+
+/// What is known of the speed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Told {
+    /// Written beside the record.
+    Written,
+    /// On the name plate alone.
+    NamePlate,
+    /// By a tacho.
+    Tacho,
+}
+
+impl Told {
+    fn draw(duration_s: f64, random: &mut Pcg64Mcg) -> Self {
+        let drawn = random.random_range(0.0..1.0);
+        match drawn {
+            ..0.45 => Self::Written,
+            ..0.7 if duration_s > TELLS_SPEED_S => Self::NamePlate,
+            ..0.7 => Self::Written,
+            _ => Self::Tacho,
+        }
+    }
+}
+
+/// A machine, and a record's frame.
+#[derive(Debug, Clone)]
+pub struct Plant {
+    /// The machine as its file has it.
+    pub machine: Arc<Machine>,
+    /// Sampling rate.
+    pub rate: Hz,
+    /// How the shaft turns.
+    pub turn: Turn,
+    /// Revolutions turned at each sample.
+    pub turned: Vec<f64>,
+    /// Accelerometers: one on each bearing, perhaps one elsewhere.
+    pub n_sensors: usize,
+    /// What is known of the speed.
+    pub told: Told,
+    /// The speed that is written beside the record.
+    pub written: Option<Hz>,
+    /// Frequency of the mains, if the machine file lists a motor.
+    pub line_hz: Option<f64>,
+}
+
+impl Plant {
+    /// Draws a machine (T8).
+    ///
+    /// # Errors
+    /// Never, as long as what is drawn makes a machine file.
+    pub fn draw(random: &mut Pcg64Mcg) -> Result<Self, MachineFileErrors> {
+        let rate = Hz(RATES_HZ[random.random_range(0..RATES_HZ.len())]);
+        let drawn_s = log_uniform(DURATION_S, random);
+        let n_samples = crate::dsp::real::floor_index((drawn_s * rate.0).min(MAX_SAMPLES));
+        let duration_s = n_samples as f64 / rate.0;
+        let speed_hz = log_uniform(SPEED_HZ, random);
+        let told = Told::draw(duration_s, random);
+        let turn = Turn::draw(motion(told, random), speed_hz, duration_s, random);
+        let turned: Vec<f64> =
+            (0..n_samples).map(|i| turn.revolutions(i as f64 / rate.0)).collect();
+        let mean_hz = turn.revolutions(duration_s) / duration_s;
+        let n_bearings = random.random_range(1..=2_usize);
+        let n_sensors = n_bearings + usize::from(random.random_bool(0.3));
+        let mains_hz = if random.random_bool(0.5) { 50.0 } else { 60.0 };
+        let line_hz = random.random_bool(0.7).then_some(mains_hz);
+        let plate_hz = mean_hz * (1.0 + random.random_range(-NAME_PLATE..NAME_PLATE));
+        let text = text(plate_hz, line_hz, (n_bearings, n_sensors), told, random);
+        let written = mean_hz * (1.0 + random.random_range(-WRITTEN..WRITTEN));
+        Ok(Self {
+            machine: Arc::new(file::parse(&text, "drawn")?),
+            rate,
+            turn,
+            turned,
+            n_sensors,
+            told,
+            written: (told == Told::Written).then_some(Hz(written)),
+            line_hz,
+        })
+    }
+
+    /// Length, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.turned.len() as f64 / self.rate.0
+    }
+
+    /// Mean speed.
+    #[must_use]
+    pub fn mean_speed(&self) -> Hz {
+        Hz(self.turn.revolutions(self.duration_s()) / self.duration_s())
+    }
+}
+
+impl fmt::Display for Plant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let told = match self.told {
+            Told::Written => "written",
+            Told::NamePlate => "name plate",
+            Told::Tacho => "tacho",
+        };
+        let (rate_hz, speed_hz) = (self.rate.0, self.mean_speed().0);
+        write!(f, "{rate_hz} Hz, {:.2} s, shaft {speed_hz:.3} Hz by {told}", self.duration_s())?;
+        for bearing in &self.machine.bearings {
+            let Some(orders) = bearing.fault_orders() else { continue };
+            let (o, i) = (orders.bpfo, orders.bpfi);
+            write!(f, ", {} {o:.3} {i:.3} {:.3} {:.3}", bearing.id, orders.two_bsf(), orders.ftf)?;
+        }
+        Ok(())
+    }
+}
+
+fn motion(told: Told, random: &mut Pcg64Mcg) -> Motion {
+    let wanders = match told {
+        Told::Tacho if random.random_bool(0.5) => {
+            let depth = random.random_range(0.015..0.15);
+            return if random.random_bool(0.5) {
+                Motion::Swing(depth)
+            } else {
+                Motion::Ramp(1.0 - depth, 1.0 + depth)
+            };
+        }
+        Told::Tacho => [0.0, 1e-3, 3e-3, 1e-3, 0.0],
+        Told::Written | Told::NamePlate => [0.0, 0.0, 2e-4, 5e-4, 1e-3],
+    };
+    match wanders[random.random_range(0..wanders.len())] {
+        0.0 => Motion::Steady,
+        deviation => Motion::Wander(deviation),
+    }
+}
+
+/// Channel of the accelerometer of this number.
+#[must_use]
+pub fn channel(sensor: usize) -> String {
+    format!("a{sensor}")
+}
+
+/// The machine file.
+fn text(
+    plate_hz: f64,
+    line_hz: Option<f64>,
+    (n_bearings, n_sensors): (usize, usize),
+    told: Told,
+    random: &mut Pcg64Mcg,
+) -> String {
+    let mut text = format!(
+        "[machine]\nid = \"drawn\"\nname = \"Drawn\"\n[[shaft]]\nid = \"main\"\nspeed_hz = {plate_hz:?}\n"
+    );
+    // Writing to a String does not fail.
+    if let Some(line_hz) = line_hz {
+        let poles = if random.random_bool(0.5) { 2 } else { 4 };
+        let _ = write!(
+            text,
+            "[[motor]]\nshaft = \"main\"\npoles = {poles}\nline_frequency_hz = {line_hz:?}\n"
+        );
+    }
+    for bearing in 0..n_bearings {
+        let elements = random.random_range(7..=19_u32);
+        let most = (2.4 / f64::from(elements)).min(0.32);
+        let element_mm = PITCH_MM * random.random_range(0.12..most.max(0.125));
+        let angle_deg = if random.random_bool(0.6) { 0.0 } else { random.random_range(5.0..40.0) };
+        let _ = write!(
+            text,
+            "[[bearing]]\nid = \"b{bearing}\"\nshaft = \"main\"\nelements = {elements}\n\
+             element_diameter_mm = {element_mm:?}\npitch_diameter_mm = {PITCH_MM:?}\n\
+             contact_angle_deg = {angle_deg:?}\n"
+        );
+    }
+    for sensor in 0..n_sensors {
+        let at = if sensor < n_bearings {
+            format!("bearing = \"b{sensor}\"")
+        } else {
+            "shaft = \"main\"".to_owned()
+        };
+        let channel = channel(sensor);
+        let _ = write!(
+            text,
+            "[[sensor]]\nchannel = \"{channel}\"\nkind = \"accelerometer\"\nat = {{ {at} }}\n"
+        );
+    }
+    if told == Told::Tacho {
+        let _ = write!(
+            text,
+            "[[sensor]]\nchannel = \"{TACHO}\"\nkind = \"tacho\"\nat = {{ shaft = \"main\" }}\n"
+        );
+    }
+    text
+}
