@@ -120,6 +120,8 @@ impl<'m> LineReader<'m> {
                 resolution: Hz(HANN_LOBE / duration_s),
                 sample_range: heard.2,
                 outcome: blocked.map_or(Ok(Vec::new()), Err),
+                covered: Vec::new(),
+                coincides: target.coincides(duration_s),
                 octaves: Vec::new(),
             });
             if is_readable {
@@ -186,6 +188,10 @@ impl<'m> LineReader<'m> {
                 let search = &mut searches[*place];
                 let task = target.task(duration_s);
                 let reading = bearing::read_line(&spectrum, band, &task, &mut self.scratch);
+                if !is_octave {
+                    let covered = bearing::read_covered(&spectrum, band, &task, &mut self.scratch);
+                    search.covered.extend(covered);
+                }
                 match (&mut search.outcome, reading) {
                     (Ok(_), Some(reading)) if is_octave => search.octaves.push(reading),
                     (Ok(readings), Some(reading)) => readings.push(reading),
@@ -236,7 +242,9 @@ impl<'m> LineReader<'m> {
         let usable = bands::usable_band(sensor, rate);
         let mut found = Vec::new();
         for target in targets::of_sensor(self.machine, sensor, self.first, self.first) {
-            if target.unreadable(usable, duration_s).is_some() {
+            if target.unreadable(usable, duration_s).is_some()
+                || target.coincides(duration_s).is_some()
+            {
                 continue;
             }
             // The amplitude itself holds the elements' own smooth motion, which may stand against their modulation.

@@ -59,7 +59,8 @@ mod tests {
 
     #[test]
     fn a_range_is_lost_only_if_known_lines_cover_all_of_it() {
-        let line = |hz: f64| KnownLine { frequency: Hz(hz), label: format!("{hz}") };
+        let line =
+            |hz: f64| KnownLine { frequency: Hz(hz), spacing: Hz(hz), label: format!("{hz}") };
         let known = [line(100.0), line(101.0)];
         let found = |high: f64, resolution: f64| {
             let band = RelativeBand { low: 0.0, high };

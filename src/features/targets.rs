@@ -113,15 +113,20 @@ fn known_lines(machine: &Machine, expected: Hz, (window, first): (Hz, Hz)) -> Ve
     for speed in std::iter::once(window).chain(other) {
         for shaft in &machine.shafts {
             let Some(ratio) = shaft.ratio_to_first else { continue };
-            let harmonics = harmonics_below(Hz(speed.0 * ratio), top).enumerate();
+            let spacing = Hz(speed.0 * ratio);
+            let harmonics = harmonics_below(spacing, top).enumerate();
             known.extend(harmonics.map(|(i, frequency)| KnownLine {
                 frequency,
+                spacing,
                 label: format!("{}× {}", i + 1, shaft.id),
             }));
         }
     }
-    let mains = mains_lines(machine, top).into_iter();
-    known.extend(mains.map(|frequency| KnownLine { frequency, label: "mains".to_owned() }));
+    for spacing in machine.motors.iter().filter_map(|motor| motor.line_frequency) {
+        let label = "mains".to_owned();
+        let mains = harmonics_below(spacing, top);
+        known.extend(mains.map(|frequency| KnownLine { frequency, spacing, label: label.clone() }));
+    }
     known
 }
 
@@ -138,11 +143,13 @@ impl Target {
         if duration_s < needed_s {
             return Some(Unreadable::TooShort { needed_s });
         }
-        if let Some(with) = self.rival {
-            return Some(Unreadable::GeometryUncertain { with, band: self.band });
-        }
+        self.rival.map(|with| Unreadable::GeometryUncertain { with, band: self.band })
+    }
+
+    /// The known line that covers the kinematic rate in a window of `duration_s`, if any.
+    pub(super) fn coincides(&self, duration_s: f64) -> Option<String> {
         reach::covering(self.expected, self.band, &self.known, Hz(HANN_LOBE / duration_s))
-            .map(|line| Unreadable::Coincides { with: line.label.clone() })
+            .map(|line| line.label.clone())
     }
 
     pub(super) fn task(&self, duration_s: f64) -> LineTask<'_> {

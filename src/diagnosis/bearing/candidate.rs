@@ -31,7 +31,7 @@ const OUTDOES: f64 = 2.0;
 const N_WAYS: f64 = 2.0;
 
 /// Effect size that counts in a quarter of the bands: half of the energy in one of them.
-const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
+pub(super) const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
 
 /// Standard deviations below a measured depth that must still matter: one side, 5 %.
 const DEVIATIONS: f64 = 1.645;
@@ -362,6 +362,8 @@ mod tests {
             resolution: Hz(0.2),
             sample_range: (0, 1),
             outcome: Ok((0..8).map(reading).collect()),
+            covered: Vec::new(),
+            coincides: None,
             octaves: Vec::new(),
         }
     }

@@ -7,6 +7,7 @@ use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
 use super::grown::Grown;
+use super::looked;
 use super::risen;
 use super::sentence;
 use crate::diagnosis::Context;
@@ -167,10 +168,12 @@ pub(super) fn why_open(
     });
     let in_few = || {
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
-        // A smooth motion in few bands is what a sound bearing shows.
-        let is_odd = |c: &&Candidate<'_>| {
-            c.is_deep_in_few() && !is_seen_to_be_smooth(c, seen) && !has_not_grown(c, seen)
+        // A smooth motion in few bands is what a sound bearing shows, but not one that owes half of its energy to a line.
+        let is_sound = |c: &Candidate<'_>| {
+            c.depth() < candidate::NARROW_DEPTH && is_seen_to_be_smooth(c, seen)
         };
+        let is_odd =
+            |c: &&Candidate<'_>| c.is_deep_in_few() && !is_sound(c) && !has_not_grown(c, seen);
         let deep = of_elements.find(is_odd)?;
         Some(in_few_bands(deep, seen.context))
     };
@@ -182,7 +185,11 @@ pub(super) fn why_open(
             readable.map(|s| Candidate::weigh_all(s, seen.accepted, looks)).collect();
         ambiguous(&lines)
     };
-    first.or_else(in_few).or_else(|| nobodys(searches, seen)).or_else(of_several)
+    first
+        .or_else(in_few)
+        .or_else(|| nobodys(searches, seen))
+        .or_else(of_several)
+        .or_else(|| looked::hidden(searches, seen))
 }
 
 /// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of

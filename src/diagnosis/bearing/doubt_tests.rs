@@ -72,6 +72,8 @@ pub(in crate::diagnosis::bearing) fn search(
         resolution: Hz(0.2),
         sample_range: (0, 1),
         outcome: Ok((0..4).map(reading).collect()),
+        covered: Vec::new(),
+        coincides: None,
         octaves: Vec::new(),
     }
 }

@@ -11,6 +11,7 @@ mod candidate;
 mod doubt;
 mod evidence;
 mod grown;
+mod looked;
 mod owner;
 mod risen;
 mod struck;
@@ -28,7 +29,6 @@ use crate::features::Elsewhere;
 use crate::features::WindowFeatures;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
-use crate::features::bearing::Unreadable;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
@@ -120,7 +120,7 @@ fn judge_one(
         features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
     let id = &context.machine.bearing(bearing).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Bearing, String::new());
-    if let Some(why) = cannot_look(bearing, &searches, features, context) {
+    if let Some(why) = looked::cannot_look(bearing, &searches, features, context) {
         verdict.why = why;
         return verdict;
     }
@@ -135,6 +135,7 @@ fn judge_one(
     let mut sorted = doubt::sort(&candidates, &seen);
     let unsure = leave_unsure(&mut sorted, context);
     let Sorted { proven, shared, doubts } = sorted;
+    let unread = looked::race_not_read(&searches);
     let grown = grown::strongest(bearing, features, context, accepted);
     match (proven.first(), shared.first()) {
         (Some(first), _) => {
@@ -143,6 +144,7 @@ fn judge_one(
         (None, Some((first, others))) => {
             warn_of_shared(&mut verdict, first, others, features, context)
         }
+        (None, None) if unread.is_some() => verdict.why = unread.unwrap_or_default(),
         (None, None) => match (grown, struck::strongest(bearing, features, context, accepted)) {
             (Some(Growth::Proven(grown)), _) => {
                 accuse_by_growth(&mut verdict, &grown, features, context);
@@ -174,65 +176,6 @@ fn judge_one(
 /// Channels that lines could be read in.
 fn heard_in<'a>(searches: &'a [&LineSearch]) -> impl Iterator<Item = ChannelIndex> + 'a {
     searches.iter().filter(|s| s.outcome.is_ok()).map(|s| s.channel)
-}
-
-/// Why the races of a bearing could not be looked at, if so.
-fn cannot_look(
-    bearing: BearingIndex,
-    searches: &[&LineSearch],
-    features: &WindowFeatures,
-    context: &Context<'_>,
-) -> Option<String> {
-    let described = &context.machine.bearings[bearing.0];
-    if described.geometry.is_none() {
-        let name = described.catalogue.as_deref().unwrap_or("unnamed");
-        return Some(format!(
-            "geometry of `{name}` is not known: state elements and diameters in the machine file"
-        ));
-    }
-    if features.speed.first.is_none() {
-        return Some("shaft speed is not known".to_owned());
-    }
-    if searches.is_empty() {
-        return Some("no usable vibration channel at this bearing or its shaft".to_owned());
-    }
-    let races = [DefectLine::Bpfi, DefectLine::Bpfo];
-    races.into_iter().find_map(|line| {
-        let mut of_line = searches.iter().filter(|s| s.line == line);
-        if of_line.clone().any(|s| s.outcome.is_ok()) {
-            return None;
-        }
-        of_line.find_map(|s| s.outcome.as_ref().err().map(|e| unreadable(s, e)))
-    })
-}
-
-fn unreadable(search: &LineSearch, reason: &Unreadable) -> String {
-    let line = format!("{} {:.1} Hz", search.line.name(), search.expected.0);
-    match reason {
-        Unreadable::TooSlow { usable, needed } => format!(
-            "sampled too slowly: {line} is out of reach, a band up to {:.0} Hz is needed and {:.0} Hz are there",
-            needed.0, usable.0
-        ),
-        Unreadable::TooShort { needed_s } => {
-            format!(
-                "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics"
-            )
-        }
-        Unreadable::GeometryUncertain { with, band } => {
-            format!(
-                "geometry too uncertain: {line} is known to {:.1} % and may stand where {} does; \
-                 name the maker, or state elements and diameters in the machine file",
-                100.0 * band.widest(),
-                with.name()
-            )
-        }
-        Unreadable::Coincides { with } => {
-            format!(
-                "{line} coincides with {with} within the resolution of {:.2} Hz",
-                search.resolution.0
-            )
-        }
-    }
 }
 
 /// Fills in an accusation: the strongest line names the fault unless another element competes.
@@ -465,15 +408,9 @@ fn acquit(
         verdict.why.push_str("; lines of the accused bearing were set aside");
     }
     for line in DefectLine::ALL {
-        let mut of_line = searches.iter().filter(|s| s.line == line);
-        if of_line.clone().any(|s| s.outcome.is_ok()) {
-            continue;
-        }
-        if let Some((search, reason)) =
-            of_line.find_map(|s| s.outcome.as_ref().err().map(|e| (s, e)))
-        {
+        if let Some(why) = looked::not_read(line, searches) {
             verdict.why.push_str("; not looked for: ");
-            verdict.why.push_str(&unreadable(search, reason));
+            verdict.why.push_str(&why);
         }
     }
 }

@@ -7,6 +7,7 @@
 //! F5–F8).
 
 mod carrier;
+mod covered;
 mod read;
 
 use super::Feature;
@@ -26,6 +27,8 @@ use crate::units::Unit;
 use std::sync::Arc;
 
 pub use carrier::leading_tone;
+pub use covered::Covered;
+pub use covered::read_covered;
 pub use read::coinciding;
 pub(super) use read::depth_at;
 pub use read::read_line;
@@ -295,11 +298,6 @@ pub enum Unreadable {
         /// Length needed, s.
         needed_s: f64,
     },
-    /// A known line of the machine lies within the resolution.
-    Coincides {
-        /// Which.
-        with: String,
-    },
     /// The limits of the bearing's geometry leave room for two lines at one place.
     GeometryUncertain {
         /// The other line.
@@ -332,17 +330,21 @@ pub struct LineSearch {
     pub sample_range: (u64, u64),
     /// The readings, one a band, or why there are none.
     pub outcome: Result<Vec<BandReading>, Unreadable>,
-    /// The same in the octaves of the lowest band where that is wide, from the lowest up (F4): they tell what is below from what rings above, and
+    /// What stands where known lines of the machine lie, within the resolution, one a band at most.
+    pub covered: Vec<Covered>,
+    /// The known line within the resolution of the kinematic rate, if any: slip alone takes the line out of its reach.
+    pub coincides: Option<String>,
+    /// The readings in the octaves of the lowest band where that is wide, from the lowest up (F4): they tell what is below from what rings above, and
     /// are asked nothing else.
     pub octaves: Vec<BandReading>,
 }
 
 impl LineSearch {
     /// Depth of the fundamental, or of what noise leaves in its place, that a quarter of the bands reach (F27): what baselines and trends hold.
-    /// `None` where it could not be read.
+    /// `None` where it could not be read, or where most of it lies.
     #[must_use]
     pub fn usual_depth(&self) -> Option<f64> {
-        let readings = self.outcome.as_deref().ok()?;
+        let readings = self.outcome.as_deref().ok().filter(|_| self.coincides.is_none())?;
         let depth = |r: &BandReading| r.harmonics[0].map_or(0.0, |h| h.depth);
         Some(bands::quarter_reach(readings.iter().map(depth))).filter(|depth| *depth > 0.0)
     }
@@ -370,6 +372,8 @@ pub(super) fn keep(machine: &Machine, searches: &[LineSearch], traces: &mut [Tra
 pub struct KnownLine {
     /// Its rate.
     pub frequency: Hz,
+    /// Distance of the lines of its series.
+    pub spacing: Hz,
     /// What it is, for people.
     pub label: String,
 }

@@ -267,7 +267,7 @@ fn is_apart(spectrum: &DepthSpectrum<'_>, one_hz: f64, other_hz: f64) -> bool {
 }
 
 /// Strongest local maximum among `bins`: a bin beside a higher one is the skirt of another line.
-fn strongest_peak(
+pub(super) fn strongest_peak(
     spectrum: &DepthSpectrum<'_>,
     bins: std::ops::RangeInclusive<usize>,
 ) -> Option<usize> {
@@ -335,7 +335,7 @@ fn strongest(
 
 /// Reads bin `at` against the median of its neighbourhood without its own lobe; for exponential noise powers the mean is
 /// median/ln 2 (F7).
-fn measure(
+pub(super) fn measure(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
     at: usize,
@@ -388,6 +388,6 @@ fn peak(depth: &[f32], at: usize) -> (f64, f64) {
     (at as f64 + shift, (b - (a - c).powi(2) / (8.0 * curvature)).exp())
 }
 
-fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
+pub(super) fn bin_at(frequency_hz: f64, bin_hz: f64) -> usize {
     floor_index((frequency_hz / bin_hz).round())
 }

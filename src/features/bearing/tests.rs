@@ -136,7 +136,7 @@ fn a_geometry_known_less_well_is_searched_wider_and_at_a_price() {
 fn a_known_line_is_not_read_as_a_defect() {
     let depth = spectrum_with(100.0, &[0.5], 0.05);
     let spectrum = of_ten_seconds(&depth);
-    let known = [KnownLine { frequency: Hz(100.0), label: "4x main".into() }];
+    let known = [KnownLine { frequency: Hz(100.0), spacing: Hz(25.0), label: "4x main".into() }];
     let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
     assert!(reading.harmonics[0].unwrap().depth < 0.05);
     assert_eq!(coinciding(Hz(100.1), &known, Hz(0.2)).unwrap().label, "4x main");
@@ -264,7 +264,10 @@ fn a_line_that_is_smeared_is_a_multiple_of_what_lies_as_far_away_as_it_reaches()
         reading.unwrap().slower
     };
     assert!(read(&[]).is_some());
-    assert_eq!(read(&[KnownLine { frequency: Hz(98.2), label: "3x main".into() }]), None);
+    assert_eq!(
+        read(&[KnownLine { frequency: Hz(98.2), spacing: Hz(25.0), label: "3x main".into() }]),
+        None
+    );
 }
 
 #[test]
@@ -272,7 +275,7 @@ fn the_skirt_of_a_covered_line_is_no_line() {
     // A shaft harmonic at 98.75 where 98.5 is expected: its skirt leaves the covered 0.2 Hz.
     let depth = spectrum_of(&[(98.62, 0.8), (100.4, 0.06)], 0.05);
     let spectrum = of_ten_seconds(&depth);
-    let known = [KnownLine { frequency: Hz(98.5), label: "4x main".into() }];
+    let known = [KnownLine { frequency: Hz(98.5), spacing: Hz(25.0), label: "4x main".into() }];
     let reading = read_line(&spectrum, BAND, &task(&known), &mut Vec::new()).unwrap();
     assert!((reading.frequency.0 - 100.4).abs() < 0.05, "{}", reading.frequency.0);
 }
@@ -300,4 +303,20 @@ fn peaks_of_noise_are_worth_what_the_joint_distribution_of_neighbours_says() {
     // Bins of one run, at a power that all or none reach.
     let run = Searched::largest(5.0, 1.0);
     assert!((run.cells(0.0) - 1.0).abs() < 1e-12 && (run.cells(1e4) - 5.0).abs() < 1e-6);
+}
+
+#[test]
+fn what_stands_on_a_known_line_is_read_apart_with_what_is_beside_it() {
+    let known = [KnownLine { frequency: Hz(99.0), spacing: Hz(33.0), label: "3x main".into() }];
+    let covered = |lines: &[(f64, f64)]| {
+        let depth = spectrum_of(lines, 0.05);
+        read_covered(&of_ten_seconds(&depth), BAND, &task(&known), &mut Vec::new())
+    };
+    let found = covered(&[(98.9, 0.7), (132.0, 0.3), (100.4, 0.5)]).unwrap();
+    assert!((found.frequency.0 - 98.9).abs() < 0.06 && found.with == "3x main");
+    assert!((found.harmonic.depth - 0.7).abs() < 0.02 && (found.beside - 0.3).abs() < 0.02);
+    // Something higher stands in the open part of the range, or nothing does.
+    assert_eq!(covered(&[(98.9, 0.4), (100.4, 0.5)]), None);
+    let noise = covered(&[]).is_some_and(|found| found.harmonic.depth > 0.05);
+    assert!(!noise);
 }

@@ -48,6 +48,8 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
         resolution: Hz(0.2),
         sample_range: (0, 1),
         outcome: Ok((0..if (order - 5.0).abs() < 0.5 { 4 } else { 0 }).map(reading).collect()),
+        covered: Vec::new(),
+        coincides: None,
         octaves: Vec::new(),
     }
 }
