@@ -122,7 +122,7 @@ fn known_lines(machine: &Machine, expected: Hz, (window, first): (Hz, Hz)) -> Ve
             }));
         }
     }
-    for spacing in machine.motors.iter().filter_map(|motor| motor.line_frequency) {
+    for spacing in supplies(machine) {
         let label = "mains".to_owned();
         let mains = harmonics_below(spacing, top);
         known.extend(mains.map(|frequency| KnownLine { frequency, spacing, label: label.clone() }));
@@ -196,8 +196,12 @@ fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
 
 /// Mains harmonics of the machine's motors below `top`.
 pub(super) fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
-    let supplies = machine.motors.iter().filter_map(|motor| motor.line_frequency);
-    supplies.flat_map(|supply| harmonics_below(supply, top)).collect()
+    supplies(machine).flat_map(|supply| harmonics_below(supply, top)).collect()
+}
+
+/// Frequencies of the mains that feed the machine's motors.
+fn supplies(machine: &Machine) -> impl Iterator<Item = Hz> {
+    machine.motors.iter().filter_map(|motor| motor.line_frequency)
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
+use crate::features::bands;
 use crate::features::bearing::Covered;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
@@ -15,9 +16,6 @@ use crate::machine::BearingIndex;
 /// A line this much deeper than its neighbours in a shaft's series is more than one of them (6 dB): events of a shaft have
 /// multiples that fall off evenly.
 const STANDS_ALONE: f64 = 2.0;
-
-/// Hidden lines count in this part of the bands, in which an open one accuses (C4).
-const BANDS: usize = 4;
 
 /// Why a bearing cannot be looked at, if so.
 pub(super) fn cannot_look(
@@ -85,14 +83,10 @@ fn unreadable(search: &LineSearch) -> Option<String> {
 /// Why a bearing is not acquitted where a known line of the machine may hide a defect's: what stands there, in a quarter of the bands
 /// of a channel, is as deep as accuses, and no event of the shaft explains it, which would have the multiples beside it, too (C39).
 pub(super) fn hidden(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
-    let hidden_in = |search: &&&LineSearch| {
-        let n_bands = search.outcome.as_ref().map_or(0, Vec::len).max(search.covered.len());
-        let there = search.covered.iter().filter(|c| may_hide(c, search, seen.accepted)).count();
-        there >= n_bands.div_ceil(BANDS).max(1)
-    };
     let of_elements = searches.iter().filter(|s| s.line != DefectLine::Ftf);
-    let search = of_elements.filter(hidden_in).max_by(|a, b| depth(a).total_cmp(&depth(b)))?;
-    let deepest = deepest(search)?;
+    let hidden = of_elements.filter_map(|search| Some((*search, deepest(search, seen.accepted)?)));
+    let depth = |(_, covered): &(&LineSearch, &Covered)| covered.harmonic.depth;
+    let (search, deepest) = hidden.max_by(|a, b| depth(a).total_cmp(&depth(b)))?;
     Some(format!(
         "{:.1} Hz in the envelope of {}, modulation depth {:.2}, may be {} of {:.1} Hz as well as {}: within the resolution of {:.2} Hz \
          they are not told apart; a longer record would, or one at another speed",
@@ -106,20 +100,22 @@ pub(super) fn hidden(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String
     ))
 }
 
+/// The deepest of what may hide a line of one search, if a quarter of the bands have such.
+fn deepest<'a>(search: &'a LineSearch, accepted: &[Accepted<'_>]) -> Option<&'a Covered> {
+    let hiding = search.covered.iter().filter(|c| may_hide(c, search, accepted));
+    let depths = hiding.clone().map(|c| c.harmonic.depth);
+    let n_bands = search.outcome.as_ref().map_or(0, Vec::len).max(search.covered.len());
+    let elsewhere = std::iter::repeat_n(0.0, n_bands.saturating_sub(hiding.clone().count()));
+    let is_agreed = bands::quarter_reach(depths.chain(elsewhere)) > 0.0;
+    hiding.max_by(|a, b| a.harmonic.depth.total_cmp(&b.harmonic.depth)).filter(|_| is_agreed)
+}
+
 fn may_hide(covered: &Covered, search: &LineSearch, accepted: &[Accepted<'_>]) -> bool {
     let depth = covered.harmonic.depth;
     depth >= severity::WARNING_DEPTH
         && depth >= STANDS_ALONE * covered.beside
         && confidence::harmonic_tail(&covered.harmonic) <= confidence::FALSE_ALARM_PROBABILITY
         && !accepted.iter().any(|a| a.explains(covered.frequency, search.resolution))
-}
-
-fn deepest(search: &LineSearch) -> Option<&Covered> {
-    search.covered.iter().max_by(|a, b| a.harmonic.depth.total_cmp(&b.harmonic.depth))
-}
-
-fn depth(search: &LineSearch) -> f64 {
-    deepest(search).map_or(0.0, |covered| covered.harmonic.depth)
 }
 
 #[cfg(test)]

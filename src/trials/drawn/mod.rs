@@ -18,7 +18,6 @@ use crate::diagnosis::baseline::Baseline;
 use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
-use crate::machine::bearing::Bearing;
 use crate::machine::file::MachineFileErrors;
 use crate::pipeline::SpeedHints;
 use crate::units::Unit;
@@ -72,6 +71,8 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         name += &format!("; {} {db:.1} dB", defect.fault().name());
     }
     name += &sounds.names().iter().map(|name| format!("; {name}")).collect::<String>();
+    // All sensors in one unit: who hears it louder is told by that.
+    let gain = log_normal(0.0, 2.0, &mut random);
     let mut channels = Vec::new();
     let mut samples = Vec::new();
     for sensor in 0..plant.n_sensors {
@@ -80,7 +81,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
             Unit::MetrePerSecondSquared,
             plant.rate,
         ));
-        samples.push(recorded(&sounds.at(&plant, sensor, &mut random), &mut random));
+        samples.push(recorded(&sounds.at(&plant, sensor, &mut random), gain, &mut random));
     }
     if plant.told == Told::Tacho {
         channels.push(super::channel(plant::TACHO, Unit::Volt, plant.rate));
@@ -110,7 +111,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
 
 /// Strikes of a defect of the first bearing (T3, T8).
 fn strikes(plant: &Plant, defect: Defect, random: &mut Pcg64Mcg) -> Vec<f64> {
-    let Some(orders) = plant.machine.bearings.first().and_then(Bearing::fault_orders) else {
+    let Some(orders) = plant.fault_orders() else {
         return Vec::new();
     };
     let mut slip = random.random_range(SLIP.0..SLIP.1);
@@ -175,10 +176,9 @@ fn path(rate_hz: f64, random: &mut Pcg64Mcg) -> Path {
     Path::of(&(0..n_modes).map(mode).collect::<Vec<_>>())
 }
 
-/// As a recorder gives it: in some unit, some with an offset, some in coarse steps.
-fn recorded(x: &[f64], random: &mut Pcg64Mcg) -> Vec<f32> {
+/// As a recorder gives it: of a machine that shakes so much, some channels with an offset, some in coarse steps.
+fn recorded(x: &[f64], gain: f64, random: &mut Pcg64Mcg) -> Vec<f32> {
     let rms = (x.iter().map(|v| v * v).sum::<f64>() / x.len().max(1) as f64).sqrt();
-    let gain = (2.0 * vibration::normal(random)).exp();
     let offset = if random.random_bool(0.3) { 5.0 * rms * vibration::normal(random) } else { 0.0 };
     let step = random.random_bool(0.2).then(|| rms / random.random_range(5.0..50.0));
     let stepped = |v: f64| step.map_or(v, |step| (v / step).round() * step);
@@ -249,6 +249,18 @@ mod tests {
             let loud = power(&sounds.at(&plant, 0, &mut random));
             // Nine times the noise; the two meet by chance.
             assert!((quiet - 1.0).abs() < 1e-9 && (loud - 10.0).abs() < 0.5, "{quiet} {loud}");
+        }
+    }
+
+    #[test]
+    fn channels_of_a_machine_keep_their_proportion() {
+        let mut random = Pcg64Mcg::seed_from_u64(5);
+        let x: Vec<f64> = (0..20_000).map(|_| vibration::normal(&mut random)).collect();
+        for _ in 0..20 {
+            let recorded = recorded(&x, 3.0, &mut random);
+            let rms = crate::dsp::stats::Moments::of(&recorded).variance().unwrap().sqrt();
+            // σ of 20 000 values 0.5 %; steps of a fifth of σ add 0.2 %.
+            assert!((rms / 3.0 - 1.0).abs() < 0.03, "{rms}");
         }
     }
 }

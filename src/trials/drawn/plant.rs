@@ -2,6 +2,8 @@
 
 use super::log_uniform;
 use crate::machine::Machine;
+use crate::machine::bearing::Bearing;
+use crate::machine::bearing::FaultOrders;
 use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use crate::trials::motion::Motion;
@@ -125,6 +127,12 @@ impl Plant {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.turned.len() as f64 / self.rate.0
+    }
+
+    /// Fault orders of the bearing that may be damaged.
+    #[must_use]
+    pub fn fault_orders(&self) -> Option<FaultOrders> {
+        self.machine.bearings.first().and_then(Bearing::fault_orders)
     }
 
     /// Mean speed.

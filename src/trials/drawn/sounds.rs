@@ -207,7 +207,7 @@ impl Sounds {
                 self.modulate("vanes", vanes, depth, plant, random);
             }
             Disturbance::Compliance => {
-                let Some(orders) = plant.machine.bearings[0].fault_orders() else { return };
+                let Some(orders) = plant.fault_orders() else { return };
                 let order = if random.random_bool(0.5) { orders.bpfo } else { orders.bpfi };
                 let slipped = order * (1.0 + random.random_range(super::SLIP.0..super::SLIP.1));
                 let depth = random.random_range(0.03..0.2);
