@@ -1,7 +1,8 @@
 //! From component verdicts to the document: the whole state, and several windows made one.
 //!
 //! A capture of several segments has the state of its last 5 % of segments (at least 3), one of a
-//! single segment that of its last 5 % of windows (at least 3): a component is accused when more than half of them accuse it, or the newest three all do.
+//! single segment that of its last 5 % of windows (at least 3): a component is accused when more than half of them accuse it, or the newest three all do;
+//! where half of them do it is left open.
 
 use super::Context;
 use super::baseline::OperatingPoint;
@@ -319,6 +320,13 @@ fn merge_component(key: (ComponentKind, &str), windows: &[Judged]) -> Option<Com
         note_windows(&mut median, with_fault.len(), windows.len());
         return Some(median);
     }
+    let is_tied = 2 * accusing.len() == windows.len() && key.0 != ComponentKind::Sensor;
+    if let Some(accused) = accusing.last().filter(|_| is_tied) {
+        let mut open = (*accused).clone();
+        let why = format!("{} (in half of {} windows, not in most)", open.why, windows.len());
+        make_undetermined(&mut open, &why);
+        return Some(open);
+    }
     let calm: Vec<&ComponentDiagnosis> =
         of_key.iter().copied().filter(|c| !c.state.is_accusation()).collect();
     let healthy = calm.iter().filter(|c| c.state == State::Healthy).count();
@@ -434,6 +442,11 @@ mod tests {
         assert_eq!(conclude_states(&[Healthy, Healthy, Healthy, Warning, Warning]).state, Warning);
         assert_eq!(conclude_states(&[Healthy, Healthy, Warning]).state, Healthy);
         assert_eq!(conclude_states(&[Warning]).state, Warning);
+        // A record of two windows that disagree is neither.
+        let open = conclude_states(&[Warning, Healthy]);
+        assert_eq!(open.state, State::Undetermined);
+        assert_eq!(open.components[0].why, "w (in half of 2 windows, not in most)");
+        assert_eq!(open.components[0].fault, None);
     }
 
     #[test]
