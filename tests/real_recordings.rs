@@ -6,6 +6,9 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
 #![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
 
+use rand::RngExt;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
 use rotorwatch::diagnosis::baseline::Baseline;
 use rotorwatch::diagnosis::fault::ComponentKind;
 use rotorwatch::diagnosis::fault::FaultMode;
@@ -43,6 +46,12 @@ const MUST_BE_HEALTHY: [&str; 4] = [
     "paderborn/N15_M07_F10_K001_1.h5",
     "adi_mfs/1800-GoB-GS-BaLo-WA-11lb.h5",
 ];
+
+/// Data sets whose bearings are known, each record of a length to be judged.
+const WITH_BEARINGS: [&str; 5] = ["adi_mfs", "cwru", "hitsm", "mfpt", "paderborn"];
+
+/// Machine files with other bearings that each of their records is held against.
+const N_OTHERS: usize = 12;
 
 /// The folder of the recordings, or why the test skips itself.
 fn data(test: &str) -> Option<PathBuf> {
@@ -132,6 +141,68 @@ fn causes_are_right_or_not_named() {
         assert!(seen.iter().any(|s| s == file), "{file} is not in truth.csv");
     }
     assert!(mistakes.is_empty(), "{}", mistakes.join("\n"));
+}
+
+/// Orders of a bearing's races and elements: BPFO, BPFI, 2·BSF.
+fn orders(elements: f64, ratio: f64) -> [f64; 3] {
+    [elements / 2.0 * (1.0 - ratio), elements / 2.0 * (1.0 + ratio), 1.0 / ratio - ratio]
+}
+
+/// A machine file whose bearings are others, drawn, with no rate within 4 % of one of these or of a multiple up to the sixth.
+fn with_other_bearings(text: &str, real: &[[f64; 3]], draw: &mut impl FnMut() -> f64) -> String {
+    let is_apart = |order: f64| {
+        let mut multiples =
+            real.iter().flatten().flat_map(|r| (1..=6).map(move |h| f64::from(h) * r));
+        multiples.all(|real| (order / real - 1.0).abs() >= 0.04)
+    };
+    let mut other = || loop {
+        let (elements, ratio) = (6.0 + (13.0 * draw()).floor(), 0.12 + 0.2 * draw());
+        // The elements have room on the pitch circle.
+        if elements * ratio < 2.9 && orders(elements, ratio).into_iter().all(is_apart) {
+            return (elements, ratio);
+        }
+    };
+    let mut drawn = (0.0, 0.0);
+    let lines = text.lines().map(|line| match line.split(" = ").next().unwrap_or_default() {
+        "elements" => {
+            drawn = other();
+            format!("elements = {}\n", drawn.0)
+        }
+        "element_diameter_mm" => format!("element_diameter_mm = {}\n", 30.0 * drawn.1),
+        "pitch_diameter_mm" => "pitch_diameter_mm = 30.0\n".to_owned(),
+        _ => format!("{line}\n"),
+    });
+    lines.collect()
+}
+
+#[test]
+#[ignore = "needs the real recordings: set ROTORWATCH_DATA"]
+fn no_bearing_is_accused_that_is_not_there() {
+    let Some(data) = data("no_bearing_is_accused_that_is_not_there") else { return };
+    let mut random = Pcg64Mcg::seed_from_u64(1);
+    let (mut mistakes, mut n_judged) = (Vec::new(), 0);
+    for row in truth(&data).iter().filter(|row| WITH_BEARINGS.contains(&&*row.dataset)) {
+        let machine_file = data.join("machines").join(format!("{}.toml", row.dataset));
+        let text = fs::read_to_string(&machine_file).unwrap();
+        let machine = file::parse(&text, &row.dataset).unwrap();
+        let real = machine.bearings.iter().filter_map(|b| b.fault_orders());
+        let real: Vec<[f64; 3]> = real.map(|o| [o.bpfo, o.bpfi, o.two_bsf()]).collect();
+        for _ in 0..N_OTHERS {
+            let other = with_other_bearings(&text, &real, &mut || random.random());
+            let machine = Some(Arc::new(file::parse(&other, &row.dataset).unwrap()));
+            let reference = Reference { machine, ..Reference::default() };
+            let capture = data.join(&row.file);
+            let diagnosis = offline::diagnose(&capture, &reference, &mut |_| ()).unwrap();
+            for bearing in scored(&diagnosis).filter(|c| c.kind == ComponentKind::Bearing) {
+                n_judged += 1;
+                if bearing.state.is_accusation() {
+                    mistakes.push(format!("{}: {}\n{other}", row.file, bearing.why));
+                }
+            }
+        }
+    }
+    println!("{n_judged} bearings that are not there, {} accused", mistakes.len());
+    assert!(n_judged >= 21 * N_OTHERS && mistakes.is_empty(), "{}", mistakes.join("\n"));
 }
 
 #[test]

@@ -5,6 +5,7 @@ use super::accept::Accepted;
 use super::owner;
 use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
+use crate::features::bearing;
 use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
@@ -33,9 +34,6 @@ const N_WAYS: f64 = 2.0;
 /// Effect size that counts in a quarter of the bands: half of the energy in one of them.
 pub(super) const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
 
-/// Standard deviations below a measured depth that must still matter: one side, 5 %.
-const DEVIATIONS: f64 = 1.645;
-
 /// Parts of the bands that must agree.
 const MOST: f64 = 0.5;
 const A_QUARTER: f64 = 0.25;
@@ -48,6 +46,8 @@ pub(super) struct Candidate<'a> {
     pub(super) n_showing: usize,
     /// Bands that show it at the probability at which a line counts as there.
     n_noted: usize,
+    /// What it is a side band of, as most of the bands that show it tell: the line beside it is higher (C40).
+    pub(super) side_band_of: Option<Hz>,
     /// False-alarm probability if most bands must show it, paid for the other way.
     broad_probability: f64,
     /// The same if a quarter of them must.
@@ -219,6 +219,7 @@ impl<'a> Candidate<'a> {
             n_bands: readings.len(),
             n_showing: showing.len(),
             n_noted,
+            side_band_of: carrier_of(&showing).filter(|_| search.line != DefectLine::Ftf),
             broad_probability: paid(MOST),
             narrow_probability: paid(A_QUARTER),
             best: showing.first().map(|r| (*r).clone()),
@@ -323,13 +324,16 @@ impl<'a> Candidate<'a> {
         self.search.line == DefectLine::Ftf && self.depth() < NARROW_DEPTH
     }
 
-    /// Lower end of the depth: noise adds to an amplitude with a standard deviation of 1/√(2·R) of it,
-    /// R its power over the noise's.
+    /// Lower end of the depth.
     fn least_depth(&self) -> f64 {
-        let ratio = self.power_ratio();
-        let spread = if ratio > 0.0 { DEVIATIONS / (2.0 * ratio).sqrt() } else { 0.0 };
-        self.depth() * (1.0 - spread).max(0.0)
+        self.depth() * bearing::least_part(self.power_ratio())
     }
+}
+
+/// The line that most of these bands show higher than theirs, a side band's distance away (C40).
+fn carrier_of(showing: &[&BandReading]) -> Option<Hz> {
+    let mut higher = showing.iter().filter_map(|r| r.outdone_by);
+    (2 * higher.clone().count() > showing.len()).then(|| higher.next())?
 }
 
 #[cfg(test)]

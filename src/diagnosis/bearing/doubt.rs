@@ -6,17 +6,18 @@ use super::accept::Accepted;
 use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
-use super::grown::Grown;
 use super::looked;
+use super::owner;
 use super::risen;
+use super::said;
 use super::sentence;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
-use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
-use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
+use crate::features::speed::REFINE_RANGE;
+use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
 
 /// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
@@ -46,6 +47,12 @@ pub(super) enum Doubt {
     Carried,
     /// A cage's line beside which nothing of the bearing stands.
     Lone,
+    /// A cage's line beside that of the elements the cage carries.
+    OfElements,
+    /// A side band of it is higher than itself.
+    SideLine,
+    /// Nothing confirms a name plate's speed, and at a speed near by it is a multiple of the shaft's.
+    NearMultiple,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
@@ -122,6 +129,12 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::Carried)
     } else if is_lone(line, seen) {
         Says::Doubt(Doubt::Lone)
+    } else if is_of_elements(line, seen) {
+        Says::Doubt(Doubt::OfElements)
+    } else if line.side_band_of.is_some() {
+        Says::Doubt(Doubt::SideLine)
+    } else if is_near_multiple(line, seen) {
+        Says::Doubt(Doubt::NearMultiple)
     } else if line.is_overheard(seen.accepted) {
         Says::Doubt(Doubt::Overheard)
     } else if is_smooth(line, seen) {
@@ -150,6 +163,9 @@ pub(super) fn why_open(
         Doubt::Bare
         | Doubt::Carried
         | Doubt::Lone
+        | Doubt::OfElements
+        | Doubt::SideLine
+        | Doubt::NearMultiple
         | Doubt::Overheard
         | Doubt::Smooth
         | Doubt::OfTone
@@ -157,14 +173,17 @@ pub(super) fn why_open(
         Doubt::NearLimit => !has_not_grown(line, seen),
     });
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
-        Doubt::Bare => without_cage(line, seen.context),
-        Doubt::Carried => carried(line, seen.context),
-        Doubt::Lone => lone(line, seen.context),
-        Doubt::Overheard => overheard(line, seen.context),
-        Doubt::Smooth => smooth(line, seen.context),
-        Doubt::OfTone => of_tone(line, seen.context),
-        Doubt::NotGrown => not_grown(line, seen.context),
-        Doubt::NearLimit => too_near(line, seen.context),
+        Doubt::Bare => said::without_cage(line, seen.context),
+        Doubt::Carried => said::carried(line, seen.context),
+        Doubt::Lone => said::lone(line, seen.context),
+        Doubt::OfElements => said::of_elements(line, seen.context),
+        Doubt::SideLine => said::side_line(line, seen.context),
+        Doubt::NearMultiple => said::near_multiple(line, seen.context),
+        Doubt::Overheard => said::overheard(line, seen.context),
+        Doubt::Smooth => said::smooth(line, seen.context),
+        Doubt::OfTone => said::of_tone(line, seen.context),
+        Doubt::NotGrown => said::not_grown(line, seen.context),
+        Doubt::NearLimit => said::too_near(line, seen.context),
     });
     let in_few = || {
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
@@ -175,7 +194,7 @@ pub(super) fn why_open(
         let is_odd =
             |c: &&Candidate<'_>| c.is_deep_in_few() && !is_sound(c) && !has_not_grown(c, seen);
         let deep = of_elements.find(is_odd)?;
-        Some(in_few_bands(deep, seen.context))
+        Some(said::in_few_bands(deep, seen.context))
     };
     let of_several = || {
         let looks = accept::n_looks(seen.features, seen.bearing);
@@ -254,6 +273,44 @@ fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
             .any(|s| is_notable(&Candidate::weigh(s, &[], looks)))
 }
 
+/// Whether it is a cage's line beside which that of the elements stands in the channel, with side bands at FTF (C9): elements that the cage
+/// carries through the load make both.
+fn is_of_elements(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let looks = accept::n_looks(seen.features, seen.bearing);
+    let mut beside = seen.features.bearing_lines.iter().filter(|s| {
+        (s.bearing, s.channel) == (line.search.bearing, line.search.channel)
+            && s.line == DefectLine::TwoBsf
+            && s.outcome.is_ok()
+    });
+    line.search.line == DefectLine::Ftf
+        && beside.any(|s| {
+            let element = Candidate::weigh(s, &[], looks);
+            let at = element.best.as_ref().map(|best| best.frequency);
+            at.is_some_and(|at| owner::has_side_bands(s, at)) && is_notable(&element)
+        })
+}
+
+/// Whether it may be a multiple of the shaft's speed where only the machine file states that, a name plate's, and nothing confirms it
+/// (C41): the shaft may turn up to 3 % faster or slower. Side bands at the spacing of that speed confirm it as well as they are told.
+fn is_near_multiple(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let Some(best) = &line.best else { return false };
+    let speed = &seen.features.speed;
+    let (frequency_hz, shaft_hz) = (best.frequency.0, line.search.shaft_speed.0);
+    let multiple = (frequency_hz / shaft_hz).round();
+    let has_turned = best
+        .side_band
+        .filter(|_| line.search.line != DefectLine::TwoBsf)
+        .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY);
+    let unsure_hz = if has_turned {
+        (multiple + 1.0) * line.search.resolution.0
+    } else {
+        REFINE_RANGE * multiple * shaft_hz
+    };
+    speed.source == Some(SpeedSource::Machine)
+        && speed.is_unconfirmed()
+        && (frequency_hz - multiple * shaft_hz).abs() <= unsure_hz
+}
+
 /// Whether sound elements that pass may make it: smooth, a tone's modulation, or in the healthy machine's absolute vibration as strongly.
 pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
@@ -301,115 +358,6 @@ fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     grown::is_as_when_healthy(seen.bearing, line.search.line, seen.features, seen.context)
 }
 
-/// Why a line of the lowest band alone does not accuse.
-fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; more than nine tenths of its power lie below {:.1} kHz, as of the motion that passing elements impose; impacts \
-         ring above, too: not accused",
-        sentence(line, context),
-        line.motion_top().0 / 1e3
-    )
-}
-
-/// Why a line beside a tone that is modulated at its rate does not accuse.
-fn of_tone(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; a tone of the machine is modulated at this rate with ten times the power, as sound elements that pass under its force do: \
-         a baseline of the healthy machine would tell",
-        sentence(line, context)
-    )
-}
-
-/// Why a line that was there before does not accuse.
-fn not_grown(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; the absolute vibration of the healthy machine shows it as strongly: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a line neither accuses nor acquits (C9).
-fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    let limit = severity::WARNING_DEPTH;
-    format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
-}
-
-/// Why a rolling element's line alone does not accuse.
-fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; without side bands at FTF it may as well come from elsewhere: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a cage's line does not accuse.
-fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; unequal elements that the cage carries through the load modulate as much: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a cage's line that stands alone does not accuse.
-fn lone(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; no other line of this bearing stands beside it, and a belt or a shaft that the machine file does not list strikes so, \
-         too: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a line that a much stronger neighbour may cause does not accuse.
-fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; another bearing strikes ten times as hard, and passing elements modulate its blows: not accused",
-        sentence(line, context)
-    )
-}
-
-/// Why a deep line in few bands neither accuses nor acquits.
-fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; too few bands have {:.2} to accuse, too deep to acquit: a baseline of the healthy machine would \
-         tell",
-        sentence(line, context),
-        severity::WARNING_DEPTH
-    )
-}
-
-/// Why a line that has grown beside a stronger one does not accuse.
-pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<'_>) -> String {
-    format!(
-        "{}; {} at {} has grown too and is stronger: cause not proven",
-        grown.sentence(context),
-        other.line.name(),
-        context.machine.bearing(other.bearing).id,
-    )
-}
-
-/// Why a line that has grown under a shaft that moves does not accuse.
-pub(super) fn loaded(grown: &Grown<'_>, context: &Context<'_>) -> String {
-    format!(
-        "{}; 1× displacement of the shaft is up, and what turns with it loads the elements more, which pass sound races at \
-         this rate: cause not proven",
-        grown.sentence(context)
-    )
-}
-
-/// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
-pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
-    let described = context.machine.bearing(bearing);
-    let widest = described.bands.widest();
-    if widest <= DefectLine::Bpfo.tolerance().widest() {
-        return String::new();
-    }
-    format!(
-        "; the geometry of `{}` is known to {:.1} %, which widens the search",
-        described.catalogue.as_deref().unwrap_or("unnamed"),
-        100.0 * widest
-    )
-}
-
 /// Whether it is there in more than a quarter of the bands, whatever its effect.
 fn is_notable(line: &Candidate<'_>) -> bool {
     line.depth() >= AMBIGUOUS_DEPTH && line.noted_part() >= AMBIGUOUS_PART
@@ -439,3 +387,7 @@ fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
 #[cfg(test)]
 #[path = "doubt_tests.rs"]
 pub(super) mod tests;
+
+#[cfg(test)]
+#[path = "foreign_tests.rs"]
+mod foreign_tests;

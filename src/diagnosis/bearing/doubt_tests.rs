@@ -174,7 +174,12 @@ pub(in crate::diagnosis::bearing) fn judged_at(
     let baseline = Baseline { records: vec![record], provisional: false };
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
-        speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..speed },
+        // Told for sure unless a source says otherwise.
+        speed: Speed {
+            first: Some(Hz(30.0)),
+            confidence: speed.source.map_or(1.0, |_| speed.confidence),
+            ..speed
+        },
         sensors: Vec::new(),
         channels: [vec![], vec![], vec![displacement]]
             .into_iter()

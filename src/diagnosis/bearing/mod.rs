@@ -14,6 +14,7 @@ mod grown;
 mod looked;
 mod owner;
 mod risen;
+mod said;
 mod struck;
 
 use super::Context;
@@ -151,9 +152,9 @@ fn judge_one(
             }
             (_, Some(struck)) => warn_of_strikes(&mut verdict, &struck, features, context),
             (Some(Growth::Beside(grown, other)), None) => {
-                verdict.why = doubt::beside(&grown, other, context);
+                verdict.why = said::beside(&grown, other, context);
             }
-            (Some(Growth::Carried(grown)), None) => verdict.why = doubt::loaded(&grown, context),
+            (Some(Growth::Carried(grown)), None) => verdict.why = said::loaded(&grown, context),
             (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
             (None, None) => match risen::strongest(&seen) {
                 Some(risen) => risen.warn(&mut verdict, &seen),
@@ -168,7 +169,7 @@ fn judge_one(
         verdict.why.push_str(&sensor::cut_note(features, heard_in(&searches), context));
     }
     if verdict.state == State::Undetermined {
-        verdict.why.push_str(&doubt::wide_band(bearing, context));
+        verdict.why.push_str(&said::wide_band(bearing, context));
     }
     verdict
 }

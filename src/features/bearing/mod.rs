@@ -175,6 +175,17 @@ impl Searched {
     }
 }
 
+/// Standard deviations below a measured amplitude that must still matter: one side, 5 %.
+const DEVIATIONS: f64 = 1.645;
+
+/// Lower end of an amplitude in noise over the one measured (C9): noise adds to it with a standard deviation of 1/√(2·R) of it, R its
+/// power over the noise's.
+#[must_use]
+pub fn least_part(power_ratio: f64) -> f64 {
+    let spread = if power_ratio > 0.0 { DEVIATIONS / (2.0 * power_ratio).sqrt() } else { 0.0 };
+    (1.0 - spread).max(0.0)
+}
+
 /// A line as read in one band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BandReading {
@@ -198,6 +209,8 @@ pub struct BandReading {
     /// A tone that carries most of the band's energy and is none of the line's multiples: what is read then is
     /// that tone's modulation, not impacts.
     pub carrier: Option<Hz>,
+    /// A side band surely higher than the fundamental: its own never is, so the line is a side band of that (F28).
+    pub outdone_by: Option<Hz>,
     /// Mean of the squared envelope, u².
     pub mean_square: f64,
 }
@@ -225,6 +238,7 @@ impl BandReading {
             slower: None,
             is_shaft_product: false,
             carrier: None,
+            outdone_by: None,
             mean_square: 1.0,
         }
     }

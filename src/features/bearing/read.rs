@@ -12,6 +12,7 @@ use super::LineTask;
 use super::N_HARMONICS;
 use super::Searched;
 use super::carrier;
+use super::least_part;
 use super::searched_range;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
@@ -83,6 +84,7 @@ pub fn read_line(
         passing_depth: task.sum_of_races.map(|sum| depth_at(spectrum, sum.0 - frequency)),
         slower,
         carrier: spectrum.tone.filter(|t| !carrier::is_own(*t, Hz(frequency), band)),
+        outdone_by: higher_side_band(spectrum, task, (frequency, fundamental)),
         mean_square: spectrum.mean_square,
     })
 }
@@ -133,6 +135,31 @@ fn side_band(
             measure(spectrum, task, at, Searched::largest(6.0, 2.0), scratch)
         })
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
+}
+
+/// Side bands to either side that are held against the line.
+const SIDE_BANDS: u32 = 2;
+
+/// The highest of the side bands, if it is surely higher than the line itself (F28): strikes that a load modulates, which is never
+/// negative, have none such.
+fn higher_side_band(
+    spectrum: &DepthSpectrum<'_>,
+    task: &LineTask<'_>,
+    (frequency_hz, fundamental): (f64, Harmonic),
+) -> Option<Hz> {
+    let is_higher = |depth: f64| {
+        let over_floor = fundamental.power_ratio * (depth / fundamental.depth).powi(2);
+        depth * least_part(over_floor) > fundamental.depth
+    };
+    let places = (1..=SIDE_BANDS).flat_map(|k| {
+        [-1.0, 1.0].map(|sign| frequency_hz + sign * f64::from(k) * task.side_band_spacing.0)
+    });
+    let highest = places
+        .filter(|hz| *hz > task.resolution.0)
+        .filter(|hz| coinciding(Hz(*hz), task.known, task.resolution).is_none())
+        .map(|hz| (hz, depth_at(spectrum, hz)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    is_higher(highest.1).then_some(Hz(highest.0))
 }
 
 /// Highest multiple of a slower rate that a line is checked for: shafts have knocks, and bearings of

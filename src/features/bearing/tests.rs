@@ -193,6 +193,23 @@ fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
 }
 
 #[test]
+fn a_side_band_higher_than_the_line_is_what_the_line_is_a_side_band_of() {
+    // Beside a line at 100 Hz, side bands 25 Hz apart.
+    let outdone = |beside: &[(f64, f64)], known: &[KnownLine]| {
+        let lines = [&[(100.0, 0.5), (200.0, 0.3)], beside].concat();
+        let depth = spectrum_of(&lines, 0.05);
+        read_line(&of_ten_seconds(&depth), BAND, &task(known), &mut Vec::new()).unwrap().outdone_by
+    };
+    let place = |found: Option<Hz>| found.map(|hz| hz.0.round());
+    assert_eq!(place(outdone(&[(125.0, 0.7)], &[])), Some(125.0));
+    assert_eq!(place(outdone(&[(75.0, 0.6), (50.0, 0.7)], &[])), Some(50.0), "the highest");
+    assert_eq!(outdone(&[(125.0, 0.48), (75.0, 0.4)], &[]), None, "a load that is never negative");
+    assert_eq!(outdone(&[(25.0, 0.9), (112.0, 0.9)], &[]), None, "no side bands");
+    let mains = KnownLine { frequency: Hz(125.0), spacing: Hz(125.0), label: "mains".to_owned() };
+    assert_eq!(outdone(&[(125.0, 0.7)], &[mains]), None, "the mains'");
+}
+
+#[test]
 fn a_line_that_stands_beside_every_harmonic_of_the_shaft_is_no_rolling_elements() {
     // 2·BSF at 100 Hz with FTF of 10 Hz: as high a line at 72 Hz, a shaft's speed of 28 Hz below, or one at 90 Hz.
     let product = |beside_hz: f64| {

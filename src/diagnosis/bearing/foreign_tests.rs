@@ -1,0 +1,78 @@
+//! Lines that something else than the damage they would name may make.
+
+use super::tests::changed;
+use super::tests::judged_at;
+use super::tests::search;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::bearing::BandReading;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::features::speed::Speed;
+use crate::features::speed::SpeedSource;
+use crate::units::Hz;
+
+/// The verdict on the first bearing by these lines, at a speed from this source.
+fn judged(source: Option<SpeedSource>, lines: Vec<LineSearch>) -> ComponentDiagnosis {
+    let speed = Speed { source, confidence: 0.85, ..Speed::unknown() };
+    judged_at(speed, 1.0, lines, (Vec::new(), Vec::new(), Vec::new())).remove(0)
+}
+
+/// As high a side band as the line itself.
+fn with_side_band(reading: &mut BandReading) {
+    reading.side_band = reading.harmonics[0];
+}
+
+#[test]
+fn a_line_lower_than_its_side_band_in_most_bands_is_one_itself() {
+    let lower_in = |n_bands: usize| {
+        let mut line = search(0, DefectLine::Bpfi, 0.6);
+        let readings = line.outcome.iter_mut().flatten().take(n_bands);
+        readings.for_each(|reading| reading.outdone_by = Some(Hz(180.0)));
+        judged(None, vec![line])
+    };
+    let open = lower_in(3);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("the line at 180.0 Hz is higher"), "{}", open.why);
+    assert_eq!(lower_in(2).fault, Some(FaultMode::InnerRace));
+}
+
+#[test]
+fn a_cage_is_not_accused_beside_elements_that_it_carries_through_the_load() {
+    let beside = |change: fn(&mut BandReading)| {
+        let elements = changed(search(0, DefectLine::TwoBsf, 0.2), change);
+        judged(None, vec![search(0, DefectLine::Ftf, 0.8), elements])
+    };
+    let open = beside(with_side_band);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("side bands at FTF"), "{}", open.why);
+    let damaged = beside(|_| ());
+    assert_eq!(damaged.fault, Some(FaultMode::Cage), "{}", damaged.why);
+}
+
+#[test]
+fn near_a_multiple_of_a_name_plates_speed_that_nothing_confirms_nobody_is_accused() {
+    let at = |source: SpeedSource, order: f64, change: fn(&mut BandReading)| {
+        let line = changed(search(0, DefectLine::Bpfi, 0.6), |reading| {
+            reading.frequency = Hz(30.0 * order);
+            change(reading);
+        });
+        judged(Some(source), vec![line])
+    };
+    // The shaft may turn 3 % faster: its fifth harmonic, at 5.15 times what is written.
+    let open = at(SpeedSource::Machine, 5.13, |_| ());
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("at 30.78 Hz this is 5×"), "{}", open.why);
+    let accused = [
+        at(SpeedSource::Machine, 5.17, |_| ()),
+        at(SpeedSource::Capture, 5.13, |_| ()),
+        at(SpeedSource::Machine, 5.13, with_side_band),
+    ];
+    for verdict in accused {
+        assert_eq!(verdict.fault, Some(FaultMode::InnerRace), "{}", verdict.why);
+    }
+    // Side bands tell the spacing to the resolution of 0.2 Hz, its fifth harmonic to five times that.
+    let near = at(SpeedSource::Machine, 5.03, with_side_band);
+    assert_eq!(near.state, State::Undetermined, "{}", near.why);
+}

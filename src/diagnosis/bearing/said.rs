@@ -1,0 +1,151 @@
+//! The sentences of what neither accuses nor acquits a bearing (docs/theory.md, C9). Must not decide anything.
+
+use super::candidate::Candidate;
+use super::grown::Grown;
+use super::sentence;
+use crate::diagnosis::Context;
+use crate::diagnosis::severity;
+use crate::features::absolute::AbsoluteLine;
+use crate::features::bearing::DefectLine;
+use crate::machine::BearingIndex;
+
+/// Why a line of the lowest band alone does not accuse.
+pub(super) fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; more than nine tenths of its power lie below {:.1} kHz, as of the motion that passing elements impose; impacts \
+         ring above, too: not accused",
+        sentence(line, context),
+        line.motion_top().0 / 1e3
+    )
+}
+
+/// Why a line beside a tone that is modulated at its rate does not accuse.
+pub(super) fn of_tone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; a tone of the machine is modulated at this rate with ten times the power, as sound elements that pass under its force do: \
+         a baseline of the healthy machine would tell",
+        sentence(line, context)
+    )
+}
+
+/// Why a line that was there before does not accuse.
+pub(super) fn not_grown(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; the absolute vibration of the healthy machine shows it as strongly: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a line neither accuses nor acquits (C9).
+pub(super) fn too_near(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    let limit = severity::WARNING_DEPTH;
+    format!("{}; that is too near the limit of {limit:.2} to accuse", sentence(line, context))
+}
+
+/// Why a rolling element's line alone does not accuse.
+pub(super) fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; without side bands at FTF it may as well come from elsewhere: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a cage's line does not accuse.
+pub(super) fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; unequal elements that the cage carries through the load modulate as much: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a cage's line that stands alone does not accuse.
+pub(super) fn lone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; no other line of this bearing stands beside it, and a belt or a shaft that the machine file does not list strikes so, \
+         too: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a line that is another's side band does not accuse.
+pub(super) fn side_line(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; the line at {:.1} Hz is higher, and no side band of strikes is: it may be one itself, of something that strikes there, \
+         not accused",
+        sentence(line, context),
+        line.side_band_of.map_or(0.0, |carrier| carrier.0)
+    )
+}
+
+/// Why a line that a shaft may have at another speed than its name plate's does not accuse.
+pub(super) fn near_multiple(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    let best_hz = line.best.as_ref().map_or(0.0, |best| best.frequency.0);
+    let speed_hz = line.search.shaft_speed.0;
+    let multiple = (best_hz / speed_hz).round();
+    format!(
+        "{}; nothing confirms the {speed_hz:.2} Hz of the machine file, and at {:.2} Hz this is {multiple:.0}×, of vanes or a coupling \
+         for example: not accused; measure the speed",
+        sentence(line, context),
+        best_hz / multiple
+    )
+}
+
+/// Why a cage's line beside that of its elements does not accuse.
+pub(super) fn of_elements(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; the line of its rolling elements stands, too, with side bands at FTF: a damaged element that the cage carries through the \
+         load makes both, cause not proven",
+        sentence(line, context)
+    )
+}
+
+/// Why a line that a much stronger neighbour may cause does not accuse.
+pub(super) fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; another bearing strikes ten times as hard, and passing elements modulate its blows: not accused",
+        sentence(line, context)
+    )
+}
+
+/// Why a deep line in few bands neither accuses nor acquits.
+pub(super) fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; too few bands have {:.2} to accuse, too deep to acquit: a baseline of the healthy machine would \
+         tell",
+        sentence(line, context),
+        severity::WARNING_DEPTH
+    )
+}
+
+/// Why a line that has grown beside a stronger one does not accuse.
+pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<'_>) -> String {
+    format!(
+        "{}; {} at {} has grown too and is stronger: cause not proven",
+        grown.sentence(context),
+        other.line.name(),
+        context.machine.bearing(other.bearing).id,
+    )
+}
+
+/// Why a line that has grown under a shaft that moves does not accuse.
+pub(super) fn loaded(grown: &Grown<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; 1× displacement of the shaft is up, and what turns with it loads the elements more, which pass sound races at \
+         this rate: cause not proven",
+        grown.sentence(context)
+    )
+}
+
+/// Tells of a geometry known less well than the slip that is allowed for; empty if it is better known.
+pub(super) fn wide_band(bearing: BearingIndex, context: &Context<'_>) -> String {
+    let described = context.machine.bearing(bearing);
+    let widest = described.bands.widest();
+    if widest <= DefectLine::Bpfo.tolerance().widest() {
+        return String::new();
+    }
+    format!(
+        "; the geometry of `{}` is known to {:.1} %, which widens the search",
+        described.catalogue.as_deref().unwrap_or("unnamed"),
+        100.0 * widest
+    )
+}
