@@ -140,6 +140,10 @@ fn side_band(
 /// Side bands to either side that are held against the line.
 const SIDE_BANDS: u32 = 2;
 
+/// How much higher one must be than the line: a defect that is struck once a turn has side bands as high as its line, and what else stands there
+/// or rings on into the next strike adds to them.
+const HIGHER: f64 = 1.2;
+
 /// The highest of the side bands, if it is surely higher than the line itself (F28): strikes that a load modulates, which is never
 /// negative, have none such.
 fn higher_side_band(
@@ -149,7 +153,7 @@ fn higher_side_band(
 ) -> Option<Hz> {
     let is_higher = |depth: f64| {
         let over_floor = fundamental.power_ratio * (depth / fundamental.depth).powi(2);
-        depth * least_part(over_floor) > fundamental.depth
+        depth * least_part(over_floor) > HIGHER * fundamental.depth
     };
     let places = (1..=SIDE_BANDS).flat_map(|k| {
         [-1.0, 1.0].map(|sign| frequency_hz + sign * f64::from(k) * task.side_band_spacing.0)

@@ -204,6 +204,7 @@ fn a_side_band_higher_than_the_line_is_what_the_line_is_a_side_band_of() {
     assert_eq!(place(outdone(&[(125.0, 0.7)], &[])), Some(125.0));
     assert_eq!(place(outdone(&[(75.0, 0.6), (50.0, 0.7)], &[])), Some(50.0), "the highest");
     assert_eq!(outdone(&[(125.0, 0.48), (75.0, 0.4)], &[]), None, "a load that is never negative");
+    assert_eq!(outdone(&[(125.0, 0.56)], &[]), None, "struck once a turn");
     assert_eq!(outdone(&[(25.0, 0.9), (112.0, 0.9)], &[]), None, "no side bands");
     let mains = KnownLine { frequency: Hz(125.0), spacing: Hz(125.0), label: "mains".to_owned() };
     assert_eq!(outdone(&[(125.0, 0.7)], &[mains]), None, "the mains'");
