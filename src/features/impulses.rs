@@ -5,6 +5,7 @@
 
 use super::Feature;
 use super::bands;
+use super::bands::Band;
 use super::bearing;
 use super::bearing::DepthSpectrum;
 use super::trace::Trace;
@@ -35,6 +36,8 @@ const LEAST: f64 = 0.1;
 /// Blows in one band.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blows {
+    /// The band.
+    pub band: Band,
     /// Part of the band's energy.
     pub part: f64,
     /// Whether they keep a rate that is none of a bearing's: a shaft's, or that of something foreign.
@@ -49,7 +52,7 @@ pub struct Blows {
 pub(super) fn read(
     e2: &[f32],
     spectrum: &DepthSpectrum<'_>,
-    n_bins: usize,
+    (band, n_bins): (Band, usize),
     (shafts, own): (&[Hz], &[(Hz, Hz)]),
     scratch: &mut Vec<f32>,
 ) -> Blows {
@@ -58,7 +61,7 @@ pub(super) fn read(
     let part = impulsive::part(e2, spectrum.mean_square, n_bins, scratch);
     let multiples = shafts.iter().flat_map(|f| (1..=ORDERS).map(|order| f64::from(order) * f.0));
     let is_shafts = multiples.map(|at| bearing::depth_at(spectrum, at)).any(|depth| depth >= part);
-    Blows { part, is_others: is_shafts || is_foreign(spectrum, part, own) }
+    Blows { band, part, is_others: is_shafts || is_foreign(spectrum, part, own) }
 }
 
 /// Whether a line as deep as `part`, with half as much at twice and three times its rate, stands outside the ranges `own`.
@@ -89,18 +92,17 @@ pub struct Impulses {
 }
 
 impl Impulses {
-    /// Part of the energy in blows, whatever makes them, that a quarter of the bands reach; 0 without bands. Those that resonate bring blows over
-    /// the noise, others need not.
+    /// What a quarter of the bands reach of the part of the energy that `counted` takes for each; 0 without bands. Those that resonate
+    /// bring blows over the noise, others need not.
     #[must_use]
-    pub fn agreed(&self) -> f64 {
-        bands::quarter_reach(self.bands.iter().map(|blows| blows.part))
+    pub fn agreed(&self, counted: impl Fn(&Blows) -> f64) -> f64 {
+        bands::quarter_reach(self.bands.iter().map(counted))
     }
 
-    /// The same of blows that keep no rate but a bearing's, if any.
+    /// Part of the energy in blows that keep no rate but a bearing's, if any, that a quarter of the bands reach.
     #[must_use]
     pub fn unexplained(&self) -> f64 {
-        let part = |blows: &Blows| if blows.is_others { 0.0 } else { blows.part };
-        bands::quarter_reach(self.bands.iter().map(part))
+        self.agreed(|blows| if blows.is_others { 0.0 } else { blows.part })
     }
 
     /// RMS of blows that nothing explains over that of the rest, what trends and baselines hold: √(η/(1 − η)).
@@ -155,7 +157,8 @@ mod tests {
         let bin_hz = plan.bin_width_hz(squared.out_rate_hz(1e4));
         let spectrum =
             DepthSpectrum { depth: &depth, bin_hz, duration_s: 10.0, mean_square, tone: None };
-        read(&e2, &spectrum, n_bins, (&[Hz(20.0)], own), &mut Vec::new())
+        let band = Band { low: Hz(1e3), high: Hz(3e3), whitened: true };
+        read(&e2, &spectrum, (band, n_bins), (&[Hz(20.0)], own), &mut Vec::new())
     }
 
     #[test]
@@ -193,15 +196,16 @@ mod tests {
     fn a_quarter_of_the_bands_must_agree() {
         let of = |parts: &[f64], is_others: bool| {
             let (channel, sample_range) = (ChannelIndex(0), (0, 1));
-            let bands = parts.iter().map(|part| Blows { part: *part, is_others }).collect();
+            let band = Band { low: Hz(0.0), high: Hz(1e3), whitened: true };
+            let bands = parts.iter().map(|part| Blows { band, part: *part, is_others }).collect();
             Impulses { channel, sample_range, bands }
         };
         let bands = [0.1, 0.9, 0.2, 0.6, 0.0, 0.0, 0.3];
         assert!((of(&bands, false).unexplained() - 0.6).abs() < 1e-15, "two of seven");
-        assert!((of(&bands, true).agreed() - 0.6).abs() < 1e-15);
+        assert!((of(&bands, true).agreed(|blows| blows.part) - 0.6).abs() < 1e-15);
         assert!(of(&bands, true).unexplained().abs() < 1e-15);
-        assert!((of(&[0.4], false).agreed() - 0.4).abs() < 1e-15);
-        assert!(of(&[], false).agreed().abs() < 1e-15);
+        assert!((of(&[0.4], false).agreed(|blows| blows.part) - 0.4).abs() < 1e-15);
+        assert!(of(&[], false).agreed(|blows| blows.part).abs() < 1e-15);
         // Half of the energy: as much as the rest; none: what cannot be told from noise.
         assert!((of(&[0.5], false).over_rest() - 1.0).abs() < 1e-12);
         assert!((of(&[0.0], false).over_rest() - LEAST).abs() < 1e-15);

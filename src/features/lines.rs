@@ -180,8 +180,13 @@ impl<'m> LineReader<'m> {
             let tone = bins.and_then(|b| bearing::leading_tone(source, b, 1.0 / duration_s));
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
             if band.whitened {
-                let blows =
-                    impulses::read(&self.e2, &spectrum, n_bins, (&shafts, &own), &mut self.scratch);
+                let blows = impulses::read(
+                    &self.e2,
+                    &spectrum,
+                    (band, n_bins),
+                    (&shafts, &own),
+                    &mut self.scratch,
+                );
                 self.blows.push(blows);
             }
             for (place, target) in pending {

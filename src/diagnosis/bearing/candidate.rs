@@ -136,6 +136,11 @@ pub(super) fn is_of_tone(line: &[Candidate<'_>]) -> bool {
     tone > 0.0 && tone >= OVERHEARD_POWER * blows
 }
 
+/// Whether a band shows the line that was read there.
+pub(super) fn stands(reading: &BandReading) -> bool {
+    confidence::band_probability(reading) <= BAND_PROBABILITY
+}
+
 impl<'a> Candidate<'a> {
     pub(super) fn depth(&self) -> f64 {
         self.best.as_ref().map_or(0.0, BandReading::total_depth)
@@ -203,7 +208,6 @@ impl<'a> Candidate<'a> {
             .iter()
             .map(|r| if own(r) { confidence::band_probability(r) } else { 1.0 })
             .collect();
-        let stands = |r: &BandReading| confidence::band_probability(r) <= BAND_PROBABILITY;
         let shows = |r: &BandReading| own(r) && stands(r);
         let noted = probabilities.iter().filter(|p| **p <= confidence::FALSE_ALARM_PROBABILITY);
         let n_noted = noted.count();

@@ -2,11 +2,12 @@
 //!
 //! What tells it from a sound race that a bent shaft loads at one place: what elements impose by passing is smooth, so its
 //! harmonics fall. Needs no resonance and no amplitudes that are right, but a sensor pair; and, for a sound bearing may have
-//! a comb too, a baseline that it has outgrown or blows that would accuse if the envelope told their rate.
+//! a comb too, a baseline that it has outgrown or blows that keep its rate as well.
 
 use super::LEAD_POWER_RATIO;
 use super::accept::Accepted;
 use super::blows;
+use super::candidate;
 use super::grown;
 use super::grown::GROWN_RATIO;
 use crate::diagnosis::Context;
@@ -15,12 +16,15 @@ use crate::diagnosis::level;
 use crate::diagnosis::severity;
 use crate::diagnosis::verdict::Evidence;
 use crate::features::WindowFeatures;
+use crate::features::bearing::LineSearch;
 use crate::features::comb;
 use crate::features::comb::Comb;
+use crate::features::impulses::Blows;
 use crate::features::impulses::Impulses;
 use crate::features::reach;
 use crate::machine::BearingIndex;
 use crate::machine::bearing::Bearing;
+use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use crate::units::Unit;
 
@@ -40,7 +44,7 @@ pub(super) struct Struck<'a> {
 struct Proof {
     /// How many times the part of the vibration's amplitude that it has in the baseline, if that knows it.
     growth: Option<f64>,
-    /// How much of the energy comes in blows where it is heard.
+    /// How much of the energy at most comes in blows at the comb's rate where it is heard.
     blows: f64,
 }
 
@@ -62,7 +66,10 @@ impl Proof {
         let growth = self
             .growth
             .map(|ratio| format!(", in amplitude {ratio:.1} times as much as in the baseline"));
-        let blows = format!(", and {:.0} % of the energy comes in blows", 100.0 * self.blows);
+        let blows = format!(
+            ", and up to {:.0} % of the energy comes in blows at that rate",
+            100.0 * self.blows
+        );
         growth.unwrap_or_default() + if self.has_blows() { &blows } else { "" }
     }
 }
@@ -88,7 +95,9 @@ pub(super) fn strongest<'a>(
     let own = features.combs.iter().filter(|c| c.bearing == bearing && is_struck(c));
     own.filter(|c| !accepted.iter().any(|a| is_others(a, c, resolution)))
         .filter(|c| is_loudest(c, features, context))
-        .filter_map(|comb| Some(Struck { comb, proof: proof(comb, features, context)? }))
+        .filter_map(|comb| {
+            Some(Struck { comb, proof: proof(comb, features, context, resolution)? })
+        })
         .max_by(|a, b| a.proof.severity().total_cmp(&b.proof.severity()))
 }
 
@@ -97,12 +106,20 @@ const GROWN_WITH_BLOWS: f64 = level::WARNING_RATIO;
 
 /// What makes a comb accuse: its part of the amplitude has outgrown the baseline's, not by chance, fivefold or beside blows twofold;
 /// without a baseline of it, blows.
-fn proof(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> Option<Proof> {
+fn proof(
+    comb: &Comb,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    resolution: Hz,
+) -> Option<Proof> {
     let name = comb::feature_name(comb.line, &context.machine.bearing(comb.bearing).id);
     let channel = context.channel_name(comb.pair.0);
     let heard = features.impulses.iter();
     let heard = heard.filter(|h| [comb.pair.0, comb.pair.1].contains(&h.channel));
-    let most = heard.map(Impulses::agreed).fold(0.0, f64::max);
+    let part = |heard: &Impulses| {
+        heard.agreed(|blows| at_rate(blows, heard.channel, (comb, resolution), features))
+    };
+    let most = heard.map(part).fold(0.0, f64::max);
     let compared = context.baseline.compare(channel, &name, comb.part.sqrt());
     let proof = Proof { growth: compared.map(|c| c.ratio), blows: most };
     let needed = if proof.has_blows() { GROWN_WITH_BLOWS } else { GROWN_RATIO };
@@ -114,6 +131,27 @@ fn proof(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> Optio
         None => proof.has_blows(),
     };
     is_enough.then_some(proof)
+}
+
+/// Part of a band's energy in blows that keep the comb's rate: strikes at one rate make its line in the squared envelope, or a multiple,
+/// at least as deep as the part they hold (F25), so no more than the line read there is deep. None where no line stands over
+/// the noise at that rate: few blows at random have deep lines at any, and as deep ones beside it.
+fn at_rate(
+    blows: &Blows,
+    channel: ChannelIndex,
+    (comb, resolution): (&Comb, Hz),
+    features: &WindowFeatures,
+) -> f64 {
+    let own =
+        |s: &&LineSearch| (s.bearing, s.line, s.channel) == (comb.bearing, comb.line, channel);
+    let readings =
+        features.bearing_lines.iter().filter(own).flat_map(|s| s.outcome.iter().flatten());
+    let same = readings.filter(|reading| {
+        let apart = (reading.frequency.0 - comb.frequency.0).abs();
+        reading.band == blows.band && apart <= resolution.0 && candidate::stands(reading)
+    });
+    let depths = same.flat_map(|reading| reading.harmonics.iter().flatten().map(|h| h.depth));
+    depths.fold(0.0, f64::max).min(blows.part)
 }
 
 /// Whether an accepted line explains the comb: not where it is this line itself, be it nobody's in the envelope.

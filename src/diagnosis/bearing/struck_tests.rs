@@ -8,6 +8,7 @@ use super::super::doubt::tests::search;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::bands::Band;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::comb::Comb;
@@ -106,8 +107,17 @@ fn a_line_that_is_nobodys_in_the_envelope_does_not_hide_strikes_at_its_rate() {
 /// Blows in a channel: this part of the energy in two bands of seven.
 fn blows(channel: usize, part: f64, is_others: bool) -> Impulses {
     let parts = [0.9, part, 0.1, 0.0, 0.0, 0.0, 0.0];
-    let bands = parts.map(|part| Blows { part, is_others }).to_vec();
+    let blows = |(low, part)| {
+        let band = Band { low: Hz(low), high: Hz(low + 1e3), whitened: false };
+        Blows { band, part, is_others }
+    };
+    let bands = (0..7).map(|i| 1e3 * f64::from(i)).zip(parts).map(blows).collect();
     Impulses { channel: ChannelIndex(channel), sample_range: (0, 1), bands }
+}
+
+/// What the envelope reads of a line of bearing a at this frequency; the comb's is 161 Hz.
+fn read_at(frequency: f64, line: DefectLine, depth: f64) -> Vec<LineSearch> {
+    vec![changed(search(0, line, depth), |reading| reading.frequency = Hz(frequency))]
 }
 
 /// What is said of bearings a and b where a quarter of the bands of a channel, and one band more, have this part of their energy in
@@ -164,11 +174,16 @@ fn without_a_baseline_a_comb_warns_where_enough_comes_in_blows() {
     let comb = |bearing: usize| Comb { line: DefectLine::Bpfo, ..comb_at(bearing) };
     let of = |heard: Vec<Impulses>, line: fn(usize) -> Comb| {
         let heard = (Vec::new(), vec![line(0), line(1)], heard);
-        judged_at(Speed::unknown(), 1.0, Vec::new(), heard).remove(0)
+        let read = read_at(161.0, DefectLine::Bpfo, 0.3);
+        judged_at(Speed::unknown(), 1.0, read, heard).remove(0)
     };
     let told = of(vec![blows(0, 0.26, false)], comb);
     assert_eq!((told.state, told.fault), (State::Warning, Some(FaultMode::OuterRace)));
-    assert!(told.why.ends_with("and 26 % of the energy comes in blows"), "{}", told.why);
+    assert!(
+        told.why.ends_with("and up to 26 % of the energy comes in blows at that rate"),
+        "{}",
+        told.why
+    );
     // Whoever makes the blows: the comb tells at which rate.
     assert_eq!(of(vec![blows(0, 0.26, true)], comb).state, State::Warning);
     assert_eq!(of(vec![blows(0, 0.24, false)], comb).state, State::Healthy);
@@ -179,11 +194,41 @@ fn without_a_baseline_a_comb_warns_where_enough_comes_in_blows() {
     // A strikes, so that b hears it leaves nothing open there.
     let both = [blows(0, 0.3, false), blows(1, 0.3, false)].to_vec();
     let heard = (Vec::new(), vec![comb(0), comb(1)], both);
-    let of_b = judged_at(Speed::unknown(), 1.0, Vec::new(), heard).remove(1);
+    let read = read_at(161.0, DefectLine::Bpfo, 0.3);
+    let of_b = judged_at(Speed::unknown(), 1.0, read, heard).remove(1);
     assert_eq!(of_b.state, State::Healthy, "{}", of_b.why);
     // Where the baseline has as much, blows prove nothing of it.
     let as_before = |bearing: usize| Comb { part: 1e-3, ..comb_at(bearing) };
     assert_eq!(of(vec![blows(0, 0.9, false)], as_before).state, State::Undetermined);
+}
+
+#[test]
+fn blows_at_another_rate_than_the_combs_prove_nothing_of_it() {
+    let of = |read: Vec<LineSearch>, part: f64| {
+        let comb = |bearing: usize| Comb { line: DefectLine::Bpfo, ..comb_at(bearing) };
+        let heard = (Vec::new(), vec![comb(0), comb(1)], vec![blows(0, part, false)]);
+        judged_at(Speed::unknown(), 1.0, read, heard).remove(0)
+    };
+    let told = of(read_at(161.0, DefectLine::Bpfo, 0.3), 0.9);
+    assert_eq!((told.state, told.fault), (State::Warning, Some(FaultMode::OuterRace)));
+    assert!(
+        told.why.ends_with("and up to 30 % of the energy comes in blows at that rate"),
+        "{}",
+        told.why
+    );
+    let is_accused = |read: Vec<LineSearch>| of(read, 0.9).state.is_accusation();
+    assert!(!is_accused(Vec::new()), "random blows");
+    assert!(!is_accused(read_at(161.0, DefectLine::Bpfo, 0.24)), "shallower than such blows");
+    assert!(!is_accused(read_at(161.3, DefectLine::Bpfo, 0.3)), "more than 2/T away");
+    assert!(!is_accused(read_at(161.0, DefectLine::Bpfi, 0.3)), "another line");
+    let chance = changed(read_at(161.0, DefectLine::Bpfo, 0.3).remove(0), |reading| {
+        reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 3.0);
+    });
+    assert!(!is_accused(vec![chance]), "as high as what is beside it");
+    let elsewhere = changed(read_at(161.0, DefectLine::Bpfo, 0.3).remove(0), |reading| {
+        reading.band.low = Hz(reading.band.low.0 + 500.0);
+    });
+    assert!(!is_accused(vec![elsewhere]), "in other bands");
 }
 
 #[test]
@@ -192,13 +237,14 @@ fn beside_blows_a_comb_that_has_grown_less_than_fivefold_warns() {
     let of = |growth: f64, part: f64| {
         let own = Comb { part: (0.01 * growth).powi(2), ..comb_at(0) };
         let heard = (Vec::new(), vec![own, comb_at(1)], vec![blows(0, part, true)]);
-        judged_at(Speed::unknown(), 1.0, Vec::new(), heard).remove(0)
+        let read = read_at(161.0, DefectLine::Bpfi, 0.3);
+        judged_at(Speed::unknown(), 1.0, read, heard).remove(0)
     };
     assert_eq!(of(4.9, 0.24).state, State::Healthy);
     let told = of(4.9, 0.26);
     assert_eq!((told.state, told.fault), (State::Warning, Some(FaultMode::InnerRace)));
     assert!(
-        told.why.contains("4.9 times") && told.why.ends_with("26 % of the energy comes in blows"),
+        told.why.contains("4.9 times") && told.why.contains("up to 26 % of the energy"),
         "{}",
         told.why
     );
