@@ -6,6 +6,8 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic; clippy exempts only #[test] functions")]
 #![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
 
+mod added;
+
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
