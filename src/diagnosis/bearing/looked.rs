@@ -7,15 +7,12 @@ use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::WindowFeatures;
 use crate::features::bands;
+use crate::features::bearing;
 use crate::features::bearing::Covered;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
-
-/// A line this much deeper than its neighbours in a shaft's series is more than one of them (6 dB): events of a shaft have
-/// multiples that fall off evenly.
-const STANDS_ALONE: f64 = 2.0;
 
 /// Why a bearing cannot be looked at, if so.
 pub(super) fn cannot_look(
@@ -113,7 +110,7 @@ fn deepest<'a>(search: &'a LineSearch, accepted: &[Accepted<'_>]) -> Option<&'a 
 fn may_hide(covered: &Covered, search: &LineSearch, accepted: &[Accepted<'_>]) -> bool {
     let depth = covered.harmonic.depth;
     depth >= severity::WARNING_DEPTH
-        && depth >= STANDS_ALONE * covered.beside
+        && depth >= bearing::STANDS_ALONE * covered.beside
         && confidence::harmonic_tail(&covered.harmonic) <= confidence::FALSE_ALARM_PROBABILITY
         && !accepted.iter().any(|a| a.explains(covered.frequency, search.resolution))
 }

@@ -28,6 +28,7 @@ use std::sync::Arc;
 
 pub use carrier::leading_tone;
 pub use covered::Covered;
+pub use covered::STANDS_ALONE;
 pub use covered::read_covered;
 pub use read::coinciding;
 pub(super) use read::depth_at;

@@ -12,6 +12,7 @@ use super::LineTask;
 use super::N_HARMONICS;
 use super::Searched;
 use super::carrier;
+use super::covered;
 use super::least_part;
 use super::searched_range;
 use crate::dsp::real::floor_index;
@@ -28,6 +29,11 @@ const LOBE_BINS: usize = 4;
 /// A harmonic takes part in the frequency estimate when its power ratio exceeds this: at 12 a noise
 /// cell does so once in 160 000.
 const STANDS_OUT: f64 = 12.0;
+
+/// Whether a harmonic takes part in the frequency estimate.
+pub(super) fn stands_out(harmonic: Harmonic) -> bool {
+    harmonic.power_ratio > STANDS_OUT
+}
 
 /// Finds which known line, if any, blocks the whole neighbourhood of `expected`: slip of races is
 /// small and negative, so a line is lost when its kinematic place is covered.
@@ -48,13 +54,26 @@ pub fn read_line(
     let (low, high) = searched_range(task.line, task.expected, task.band);
     let first = bin_at(low.0, spectrum.bin_hz);
     let last = bin_at(high.0, spectrum.bin_hz);
-    let (found, searched) = strongest_line(spectrum, task, first, last)?;
+    let told = covered::told_apart(spectrum, task, scratch);
     let mut harmonics = [None; N_HARMONICS];
-    harmonics[0] = measure(spectrum, task, found, searched, scratch);
+    let mut sums = match told {
+        // A harmonic stands for the fundamental that a known line covers.
+        Some(told) => {
+            harmonics[0] = Some(told.harmonic);
+            ((told.multiple * told.at) as f64, (told.multiple * told.multiple) as f64)
+        }
+        None => {
+            let (found, searched) = strongest_line(spectrum, task, first, last)?;
+            harmonics[0] = measure(spectrum, task, found, searched, scratch);
+            (found as f64, 1.0)
+        }
+    };
     let fundamental = harmonics[0]?;
-    let mut sums = (found as f64, 1.0);
     for (i, slot) in harmonics.iter_mut().enumerate().skip(1) {
         let h = i + 1;
+        if told.is_some_and(|told| told.multiple >= h) {
+            continue;
+        }
         let centre = (sums.0 / sums.1 * h as f64).round();
         let reach = h.div_ceil(2);
         let (low, high) = (floor_index(centre).saturating_sub(reach), floor_index(centre) + reach);
@@ -62,9 +81,7 @@ pub fn read_line(
             continue;
         };
         *slot = measure(spectrum, task, at, searched, scratch);
-        if slot.is_some_and(|r: Harmonic| r.power_ratio > STANDS_OUT)
-            && fundamental.power_ratio > STANDS_OUT
-        {
+        if slot.is_some_and(stands_out) && stands_out(fundamental) {
             sums.0 += (h * at) as f64;
             sums.1 += (h * h) as f64;
         }
@@ -194,7 +211,7 @@ const SHARP: f64 = 0.9;
 
 /// Two lines are apart if the spectrum falls between them to this part of the lower; Hann lobes of lines that are resolved do
 /// not meet.
-const VALLEY: f64 = 0.25;
+pub(super) const VALLEY: f64 = 0.25;
 
 /// Half width of a Hann main lobe, steps of 1/T.
 const HANN_LOBE: f64 = 2.0;
@@ -290,7 +307,7 @@ fn is_sharp(
 }
 
 /// Whether the spectrum falls between two lines below a quarter of either: one that is smeared over both does not.
-fn is_apart(spectrum: &DepthSpectrum<'_>, one_hz: f64, other_hz: f64) -> bool {
+pub(super) fn is_apart(spectrum: &DepthSpectrum<'_>, one_hz: f64, other_hz: f64) -> bool {
     let (one, other) = (bin_at(one_hz, spectrum.bin_hz), bin_at(other_hz, spectrum.bin_hz));
     let lower = depth_at(spectrum, one_hz).min(depth_at(spectrum, other_hz));
     let between = spectrum.depth.get(one.min(other)..=one.max(other)).unwrap_or_default();
@@ -406,7 +423,7 @@ pub(super) fn peak_height(depth: &[f32], at: usize) -> f64 {
 /// through the logarithms of three bins. The spectrum is padded twice, so the bins lie half a resolution
 /// step apart and the height of a lone line is found within 0.3 %, where the bin itself may be 4 %
 /// low. A bin that is no local maximum is read as it is.
-fn peak(depth: &[f32], at: usize) -> (f64, f64) {
+pub(super) fn peak(depth: &[f32], at: usize) -> (f64, f64) {
     let value = |k: usize| depth.get(k).map_or(0.0, |v| f64::from(*v));
     let (left, centre, right) = (value(at.wrapping_sub(1)), value(at), value(at + 1));
     let is_peak = left > 0.0 && right > 0.0 && centre >= left && centre >= right;

@@ -338,3 +338,30 @@ fn what_stands_on_a_known_line_is_read_apart_with_what_is_beside_it() {
     let noise = covered(&[]).is_some_and(|found| found.harmonic.depth > 0.05);
     assert!(!noise);
 }
+
+#[test]
+fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
+    let known = |h: u32| {
+        let frequency = Hz(f64::from(h) * 33.0);
+        KnownLine { frequency, spacing: Hz(33.0), label: format!("{h}x main") }
+    };
+    let series: Vec<KnownLine> = (1..=12).map(known).collect();
+    let read = |lines: &[(f64, f64)]| {
+        let depth = spectrum_of(lines, 0.05);
+        read_line(&of_ten_seconds(&depth), BAND, &task(&series), &mut Vec::new()).unwrap()
+    };
+    let strikes = [(98.85, 0.8), (197.7, 0.6), (296.55, 0.4)];
+    // 98.85 lies within 0.2 Hz of 3x, twice that is 0.3 Hz from 6x.
+    let told = read(&strikes);
+    assert!((told.frequency.0 - 98.85).abs() < 0.02, "{}", told.frequency.0);
+    let depths = told.harmonics.map(|h| h.map_or(0.0, |h| h.depth));
+    assert!((depths[0] - 0.6).abs() < 0.02, "no deeper than what tells it: {depths:?}");
+    assert!(depths[1] == 0.0 && (depths[2] - 0.4).abs() < 0.02, "{depths:?}");
+    let is_told = |lines: &[(f64, f64)]| (read(lines).frequency.0 - lines[0].0).abs() < 0.05;
+    assert!(!is_told(&[(98.85, 0.8)]), "no harmonic");
+    assert!(!is_told(&[(99.0, 0.8), (198.0, 0.6), (297.0, 0.4)]), "the shaft's own");
+    assert!(!is_told(&[(98.85, 0.8), (198.0, 0.9), (197.72, 0.6)]), "no valley between");
+    // A speed of 0.05 % more: the fourth is 0.2 Hz off.
+    assert!(!is_told(&[(99.05, 0.8), (198.1, 0.6), (396.21, 0.4)]), "the shaft's, by the speed");
+    assert!(!is_told(&[strikes[0], strikes[1], (132.0, 0.5)]), "the shaft's events are beside it");
+}
