@@ -85,7 +85,11 @@ pub(super) fn spectrum(track: &Track, shaft_hz: Option<f64>) -> Option<Figure> {
 /// The first revolutions.
 pub(super) fn waveform(track: &Track, shaft_hz: Option<f64>) -> Option<Figure> {
     let samples = track.first(span_s(shaft_hz));
-    let value = |i: usize| f64::from(samples[i]);
+    if samples.is_empty() {
+        return None;
+    }
+    let mean = samples.iter().map(|v| f64::from(*v)).sum::<f64>() / samples.len() as f64;
+    let value = |i: usize| f64::from(samples[i]) - mean;
     let kept = decimate::min_max(samples.len(), POINTS_MAX, value);
     let at_s = |i: usize| track.start_s + i as f64 / track.fs_hz();
     let points: Vec<(f64, f64)> = kept.iter().map(|i| (at_s(*i), value(*i))).collect();
@@ -102,10 +106,9 @@ pub(super) fn waveform(track: &Track, shaft_hz: Option<f64>) -> Option<Figure> {
     }
     .svg()?;
     let turns = if shaft_hz.is_some() { "six revolutions" } else { "a quarter of a second" };
-    Some(Figure {
-        svg,
-        caption: format!("At most the first {turns}; the constant part is left out."),
-    })
+    let constant = mean + track.info.offset;
+    let caption = format!("At most the first {turns}; their mean, {constant:.3} {y}, is left out.");
+    Some(Figure { svg, caption })
 }
 
 /// Orbits of all x/y pairs, x to the right and y upwards as the sensors point.

@@ -191,3 +191,18 @@ fn without_samples_the_words_remain() {
     let short = Track { samples: vec![1.0; 3], ..track("x", 0.0) };
     assert!(with(&[short]).contains("inner race"), "too few samples for any picture");
 }
+
+#[test]
+fn a_waveform_leaves_the_constant_part_out_and_tells_it() {
+    // Values that f32 holds exactly, with the constant or without.
+    let shifted = |by: f32, offset: f64| {
+        let mut track = track("x", 0.0);
+        track.samples = [by + 0.5, by - 0.5].repeat(8000);
+        track.info.offset = offset;
+        figures::waveform(&track, Some(20.0)).unwrap()
+    };
+    let (plain, on_four) = (shifted(0.0, 0.0), shifted(4.0, 2.0));
+    assert_eq!(plain.svg, on_four.svg);
+    assert!(plain.caption.contains("0.000 m/s^2"), "{}", plain.caption);
+    assert!(on_four.caption.contains("6.000 m/s^2"), "{}", on_four.caption);
+}
