@@ -26,15 +26,13 @@ use rotorwatch::machine::file;
 use rotorwatch::offline;
 use rotorwatch::offline::Reference;
 use rotorwatch::trials::defect::Defect;
+use rotorwatch::trials::drawn;
 use rotorwatch::trials::motion::Motion;
 use rotorwatch::trials::motion::Turn;
 use rotorwatch::trials::vibration;
-use rotorwatch::trials::vibration::Mode;
-use rotorwatch::trials::vibration::Path as Way;
 use rotorwatch::trials::vibration::Strikes;
 use rotorwatch::units::Hz;
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
@@ -127,30 +125,13 @@ fn at_random(wait: f64, n: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
     (0..n).map(&mut strike).collect()
 }
 
-/// A path of two to eight modes up to 6 kHz or more.
-fn way(rate_hz: f64, random: &mut Pcg64Mcg) -> Way {
-    let top_hz = random.random_range(6e3..25e3_f64).min(0.45 * rate_hz);
-    let low_hz = (0.03 * top_hz).max(300.0);
-    let tilt = random.random_range(0.0..1.3);
-    let n_modes = random.random_range(2..=8);
-    let mode = |_| {
-        let hz = f64::exp(random.random_range(low_hz.ln()..top_hz.ln()));
-        Mode {
-            omega: TAU * hz / rate_hz,
-            damping: random.random_range(0.01..0.06),
-            amplitude: vibration::normal(random) * (hz / top_hz).powf(tilt),
-        }
-    };
-    Way::of(&(0..n_modes).map(mode).collect::<Vec<_>>())
-}
-
 /// A recording of a sound machine.
 struct Sound {
     machine: Arc<Machine>,
     rate_hz: f64,
     /// As the recording states it.
     stated: Option<Hz>,
-    /// As the diagnosis finds it, or the machine file has it.
+    /// As the diagnosis finds it.
     speed_hz: f64,
     /// Of the first bearing.
     orders: FaultOrders,
@@ -190,7 +171,7 @@ impl Sound {
             let rms = (sound.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
             let part = if at == 0 { 1.0 } else { random.random_range(0.2..0.8) };
             let mut struck = sound.clone();
-            let heard = way(self.rate_hz, random).hear(strikes);
+            let heard = drawn::path(self.rate_hz, random).hear(strikes);
             vibration::add_scaled(&mut struck, &heard, rms * part * 10f64.powf(level_db / 20.0));
             // The machine file has the units.
             let header = ChannelHeader {
@@ -211,10 +192,10 @@ fn diagnosed(capture: &Path, machine: &Arc<Machine>) -> Diagnosis {
     offline::diagnose(capture, &reference, &mut |_| ()).unwrap()
 }
 
-/// How often the first bearing is named rightly, left open, called healthy.
+/// How often the first bearing is accused, left open, called healthy.
 #[derive(Debug, Default)]
 struct Count {
-    right: u32,
+    accused: u32,
     open: u32,
     healthy: u32,
 }
@@ -235,7 +216,7 @@ fn counted(diagnosis: &Diagnosis, added: Added, first: &str, count: &mut Count) 
         if bearing.id == first {
             match bearing.state {
                 State::Healthy => count.healthy += 1,
-                State::Warning | State::Damaged => count.right += 1,
+                State::Warning | State::Damaged => count.accused += 1,
                 State::Undetermined => count.open += 1,
             }
         }
@@ -281,7 +262,7 @@ fn defects_added_to_sound_machines_are_named_rightly_or_not_at_all() {
         *is_clear && !["random strikes", "knocks"].contains(added)
     });
     let (right, n) = clear
-        .fold((0, 0), |(right, n), (_, c)| (right + c.right, n + c.right + c.open + c.healthy));
+        .fold((0, 0), |(right, n), (_, c)| (right + c.accused, n + c.accused + c.open + c.healthy));
     println!("{right} of {n} clear defects accused, {} wrongly", mistakes.len());
     assert!(mistakes.is_empty(), "{}", mistakes.join("\n"));
     // Of 600 of another draw 475 were.

@@ -98,7 +98,7 @@ pub(super) fn told_apart(
         let hz = at as f64 * spectrum.bin_hz;
         let known_hz = h * known.frequency.0;
         let is_other = (hz - known_hz).abs() >= KNOWN_TO * known_hz;
-        if nearest(Hz(hz), task).is_some() || !is_other || !is_apart(spectrum, known_hz, hz) {
+        if nearest(Hz(hz), task).is_some() || !is_other || !is_no_part_of(spectrum, known_hz, hz) {
             return None;
         }
         let harmonic = read::measure(spectrum, task, at, Searched::peaks(h * n_bins), scratch)?;
@@ -107,7 +107,7 @@ pub(super) fn told_apart(
 }
 
 /// Whether what stands at `hz` is no part of the known line's multiple: that is low, or the spectrum falls between the two.
-fn is_apart(spectrum: &DepthSpectrum<'_>, known_hz: f64, hz: f64) -> bool {
+fn is_no_part_of(spectrum: &DepthSpectrum<'_>, known_hz: f64, hz: f64) -> bool {
     let (known, own) = (read::depth_at(spectrum, known_hz), read::depth_at(spectrum, hz));
     known < read::VALLEY * own || read::is_apart(spectrum, known_hz, hz)
 }

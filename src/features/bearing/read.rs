@@ -43,7 +43,7 @@ pub fn coinciding(expected: Hz, known: &[KnownLine], resolution: Hz) -> Option<&
 }
 
 /// Searches one line in one band (F5–F7, F12). `None` when every cell in tolerance is covered by known
-/// lines or outside the spectrum.
+/// lines, from which no harmonic tells it, or outside the spectrum.
 #[must_use]
 pub fn read_line(
     spectrum: &DepthSpectrum<'_>,

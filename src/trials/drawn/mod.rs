@@ -160,7 +160,8 @@ fn levels(n_sensors: usize, nearest: f64, random: &mut Pcg64Mcg) -> Vec<f64> {
 }
 
 /// A path drawn in Hz (T8): stiffer modes move more.
-fn path(rate_hz: f64, random: &mut Pcg64Mcg) -> Path {
+#[must_use]
+pub fn path(rate_hz: f64, random: &mut Pcg64Mcg) -> Path {
     let top_hz = random.random_range(6e3..25e3_f64).min(0.45 * rate_hz);
     let lowest_hz = (0.03 * top_hz).max(300.0);
     let tilt = random.random_range(0.0..1.3);
