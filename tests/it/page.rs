@@ -165,7 +165,14 @@ fn only_a_simulated_machine_can_be_damaged_and_with_what_its_scene_has() {
 
     let replayed = damaged_bearing();
     browser.go(&format!("{}/#/simulation", replayed.base_url));
-    assert!(browser.text("#view .note").contains("No machine is simulated"));
+    // What is shown first is that it loads.
+    browser.wait(
+        "document.querySelector('#view').innerText.trim().startsWith('No machine is simulated')",
+    );
+    assert_eq!(
+        browser.run("return document.querySelector('#view').innerText.includes('Loading')"),
+        false
+    );
     assert_eq!(
         browser.run("return document.querySelector('#nav [data-view=\"simulation\"]') === null"),
         true

@@ -170,6 +170,8 @@ export function openDemo(root, { parts }) {
   }
 
   function update(state) {
+    // Without a simulation nothing will come for the other cards to show.
+    for (const card of [own, truth, verdict]) card.hidden = state.machines !== null && state.simulations.length === 0;
     if (state.simulations.length === 0) {
       if (state.machines) fill(presets, empty("No machine is simulated: a source of kind “simulated” in the configuration is, and so is the rig of rotorwatch demo."));
       return;
