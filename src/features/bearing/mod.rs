@@ -196,7 +196,7 @@ pub struct BandReading {
     pub frequency: Hz,
     /// Harmonics 1…; `None` where a known line of the machine lies or the spectrum ends.
     pub harmonics: [Option<Harmonic>; N_HARMONICS],
-    /// The stronger of the two side bands at ± the spacing around the fundamental.
+    /// The stronger of the two side bands at ± the spacing around the fundamental, or the harmonic that stands for it (F5).
     pub side_band: Option<Harmonic>,
     /// Depth of the deeper of the two shaft harmonics around the fundamental; 0 if neither can be read.
     pub shaft_depth: f64,
@@ -210,7 +210,8 @@ pub struct BandReading {
     /// A tone that carries most of the band's energy and is none of the line's multiples: what is read then is
     /// that tone's modulation, not impacts.
     pub carrier: Option<Hz>,
-    /// A side band surely higher than the fundamental: its own never is, so the line is a side band of that (F28).
+    /// A side band surely higher than the fundamental, or the harmonic that stands for it: its own never is, so the line is a side
+    /// band of that (F28).
     pub outdone_by: Option<Hz>,
     /// Mean of the squared envelope, u².
     pub mean_square: f64,

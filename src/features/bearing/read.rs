@@ -87,9 +87,11 @@ pub fn read_line(
         }
     }
     let frequency = sums.0 / sums.1 * spectrum.bin_hz;
-    let side_band = side_band(spectrum, task, (frequency, task.side_band_spacing), scratch);
+    // What stands beside it is read, and held against it, where it is told.
+    let told_hz = told.map_or(1, |told| told.multiple) as f64 * frequency;
+    let side_band = side_band(spectrum, task, (told_hz, task.side_band_spacing), scratch);
     let is_shaft_product =
-        is_shaft_product(spectrum, task, (frequency, fundamental.depth), side_band, scratch);
+        is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
     let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
     Some(BandReading {
         band,
@@ -101,7 +103,7 @@ pub fn read_line(
         passing_depth: task.sum_of_races.map(|sum| depth_at(spectrum, sum.0 - frequency)),
         slower,
         carrier: spectrum.tone.filter(|t| !carrier::is_own(*t, Hz(frequency), band)),
-        outdone_by: higher_side_band(spectrum, task, (frequency, fundamental)),
+        outdone_by: higher_side_band(spectrum, task, (told_hz, fundamental)),
         mean_square: spectrum.mean_square,
     })
 }

@@ -365,3 +365,26 @@ fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
     assert!(!is_told(&[(99.05, 0.8), (198.1, 0.6), (396.21, 0.4)]), "the shaft's, by the speed");
     assert!(!is_told(&[strikes[0], strikes[1], (132.0, 0.5)]), "the shaft's events are beside it");
 }
+
+#[test]
+fn side_bands_are_read_at_the_harmonic_that_tells_the_line() {
+    // 98.85 lies within 0.2 Hz of 3x: its side bands at 1x lie within that of 2x and 4x, those of 197.7 do not.
+    let known = |h: u32| {
+        let frequency = Hz(f64::from(h) * 33.0);
+        KnownLine { frequency, spacing: Hz(33.0), label: format!("{h}x main") }
+    };
+    let series: Vec<KnownLine> = (1..=12).map(known).collect();
+    let read = |beside: [(f64, f64); 2]| {
+        let depth = spectrum_of(&[[(98.85, 0.8), (197.7, 0.4)], beside].concat(), 0.05);
+        let task = LineTask { side_band_spacing: Hz(33.0), ..task(&series) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap()
+    };
+    let own = read([(164.7, 0.2), (230.7, 0.15)]);
+    let side = own.side_band.unwrap();
+    assert!((side.depth - 0.2).abs() < 0.02, "{side:?}");
+    assert_eq!(own.outdone_by, None);
+    // Beside the fundamental stands what is the shaft's, or as high as its own height allows.
+    assert_eq!(read([(65.85, 0.35), (131.85, 0.35)]).outdone_by, None);
+    let outdone = read([(164.7, 0.7), (230.7, 0.15)]).outdone_by.unwrap();
+    assert!((outdone.0 - 164.7).abs() < 0.06, "{outdone:?}");
+}
