@@ -34,6 +34,10 @@ const N_WAYS: f64 = 2.0;
 /// Effect size that counts in a quarter of the bands: half of the energy in one of them.
 pub(super) const NARROW_DEPTH: f64 = 2.0 * severity::WARNING_DEPTH;
 
+/// Effect size in a quarter of the bands from which a line that is there no longer acquits (C42): 6 dB below what accuses, which is
+/// what operation changes from day to day.
+const OPEN_DEPTH: f64 = 0.5 * severity::WARNING_DEPTH;
+
 /// Parts of the bands that must agree.
 const MOST: f64 = 0.5;
 const A_QUARTER: f64 = 0.25;
@@ -278,6 +282,12 @@ impl<'a> Candidate<'a> {
             || self.is_broad() && self.depth() >= NARROW_DEPTH
     }
 
+    /// Whether it is there beyond chance, and a quarter of the bands find it half as deep as accuses (C42).
+    pub(super) fn is_half_deep(&self) -> bool {
+        self.least_probability() <= confidence::FALSE_ALARM_PROBABILITY
+            && self.agreed_depth >= OPEN_DEPTH
+    }
+
     /// Whether another bearing strikes so much harder that what is heard here may be its blows, modulated
     /// by the elements of this one.
     pub(super) fn is_overheard(&self, accepted: &[Accepted<'_>]) -> bool {
@@ -320,6 +330,12 @@ impl<'a> Candidate<'a> {
     pub(super) fn is_bare(&self) -> bool {
         let frequency = self.best.as_ref().map_or(Hz(0.0), |best| best.frequency);
         self.search.line == DefectLine::TwoBsf && !owner::has_side_bands(self.search, frequency)
+    }
+
+    /// Whether a side band at the spacing of its own stands beside it, in the reading that tells most.
+    pub(super) fn has_side_band(&self) -> bool {
+        let side = self.best.as_ref().and_then(|best| best.side_band);
+        side.is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
     }
 
     /// Whether it is a cage's line of less than full modulation: as much is made by sound elements that differ, as

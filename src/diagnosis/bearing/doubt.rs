@@ -12,7 +12,6 @@ use super::risen;
 use super::said;
 use super::sentence;
 use crate::diagnosis::Context;
-use crate::diagnosis::confidence;
 use crate::features::WindowFeatures;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
@@ -208,7 +207,25 @@ pub(super) fn why_open(
         .or_else(in_few)
         .or_else(|| nobodys(searches, seen))
         .or_else(of_several)
+        .or_else(|| half_deep(candidates, seen))
         .or_else(|| looked::hidden(searches, seen))
+}
+
+/// A line that is there, too small to accuse and too deep to acquit (C42), unless sound elements that pass may make it, or a baseline
+/// has it. What strikes elsewhere, or what nobody owns, may be what is heard.
+fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
+    let is_own = |a: &Accepted<'_>| {
+        !a.owners.is_empty() && a.owners.iter().all(|s| s.bearing == seen.bearing)
+    };
+    let is_open = |line: &&Candidate<'_>| {
+        line.search.line != DefectLine::Ftf
+            && line.is_half_deep()
+            && !is_passing(line, seen)
+            && !risen::is_known(line, seen)
+    };
+    let lines = candidates.iter().filter(|_| seen.accepted.iter().all(is_own));
+    let deepest = lines.filter(is_open).max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
+    Some(said::half_deep(deepest, seen.context))
 }
 
 /// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of
@@ -246,45 +263,39 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
 /// Whether it is a line of the race at rest with side bands at 1×: a defect there meets the same load on each turn, and
 /// what turns is the shaft's.
 fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    let side = line.best.as_ref().and_then(|best| best.side_band);
     let bearing = seen.context.machine.bearing(line.search.bearing);
     line.search.line != DefectLine::of_turning_race(bearing.rotating_ring)
         && line.search.line != DefectLine::TwoBsf
-        && side
-            .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
+        && line.has_side_band()
 }
 
 /// Whether it is a cage's line beside which no line of this bearing's races or elements stands in the channel, and which no baseline shows to
 /// be news: a cage that is damaged disturbs what they do, belts and shafts that nobody listed strike at such rates, too (C9).
 fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    let looks = accept::n_looks(seen.features, seen.bearing);
-    let beside = |s: &&LineSearch| {
-        (s.bearing, s.channel) == (line.search.bearing, line.search.channel)
-            && s.line != DefectLine::Ftf
-            && s.outcome.is_ok()
-    };
     line.search.line == DefectLine::Ftf
         && !risen::is_news(line, seen)
-        && !seen
-            .features
-            .bearing_lines
-            .iter()
-            .filter(beside)
-            .any(|s| is_notable(&Candidate::weigh(s, &[], looks)))
+        && !beside(line, seen).any(|(_, other)| is_notable(&other))
+}
+
+/// What this bearing's races and elements show in the channel of a cage's line.
+fn beside<'a>(
+    line: &Candidate<'a>,
+    seen: &Seen<'a>,
+) -> impl Iterator<Item = (&'a LineSearch, Candidate<'a>)> {
+    let looks = accept::n_looks(seen.features, seen.bearing);
+    let place = (line.search.bearing, line.search.channel);
+    let lines = seen.features.bearing_lines.iter();
+    lines
+        .filter(move |s| (s.bearing, s.channel) == place && s.line != DefectLine::Ftf)
+        .filter(|s| s.outcome.is_ok())
+        .map(move |s| (s, Candidate::weigh(s, &[], looks)))
 }
 
 /// Whether it is a cage's line beside which that of the elements stands in the channel, with side bands at FTF (C9): elements that the cage
 /// carries through the load make both.
 fn is_of_elements(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    let looks = accept::n_looks(seen.features, seen.bearing);
-    let mut beside = seen.features.bearing_lines.iter().filter(|s| {
-        (s.bearing, s.channel) == (line.search.bearing, line.search.channel)
-            && s.line == DefectLine::TwoBsf
-            && s.outcome.is_ok()
-    });
     line.search.line == DefectLine::Ftf
-        && beside.any(|s| {
-            let element = Candidate::weigh(s, &[], looks);
+        && beside(line, seen).filter(|(s, _)| s.line == DefectLine::TwoBsf).any(|(s, element)| {
             let at = element.best.as_ref().map(|best| best.frequency);
             at.is_some_and(|at| owner::has_side_bands(s, at)) && is_notable(&element)
         })
@@ -297,11 +308,7 @@ fn is_near_multiple(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let speed = &seen.features.speed;
     let (frequency_hz, shaft_hz) = (best.frequency.0, line.search.shaft_speed.0);
     let multiple = (frequency_hz / shaft_hz).round();
-    let has_turned = best
-        .side_band
-        .filter(|_| line.search.line != DefectLine::TwoBsf)
-        .is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY);
-    let unsure_hz = if has_turned {
+    let unsure_hz = if line.search.line != DefectLine::TwoBsf && line.has_side_band() {
         (multiple + 1.0) * line.search.resolution.0
     } else {
         REFINE_RANGE * multiple * shaft_hz
@@ -391,3 +398,7 @@ pub(super) mod tests;
 #[cfg(test)]
 #[path = "foreign_tests.rs"]
 mod foreign_tests;
+
+#[cfg(test)]
+#[path = "small_tests.rs"]
+mod small_tests;

@@ -339,13 +339,11 @@ fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
         .flatten()
         .filter(|h| confidence::harmonic_tail(h) <= confidence::FALSE_ALARM_PROBABILITY)
         .count();
-    let side = best
-        .side_band
-        .filter(|s| confidence::harmonic_tail(s) <= confidence::FALSE_ALARM_PROBABILITY)
-        .map_or("no side bands", |_| match candidate.search.line {
-            DefectLine::TwoBsf => "FTF side bands present",
-            DefectLine::Bpfi | DefectLine::Bpfo | DefectLine::Ftf => "1× side bands present",
-        });
+    let side = match (candidate.has_side_band(), candidate.search.line) {
+        (false, _) => "no side bands",
+        (true, DefectLine::TwoBsf) => "FTF side bands present",
+        (true, DefectLine::Bpfi | DefectLine::Bpfo | DefectLine::Ftf) => "1× side bands present",
+    };
     format!(
         "{} {:.1} Hz and {harmonics} of {} harmonics stand {over:.0} dB over the noise floor in the envelope of {}, \
          in {} of {} bands, {side}; modulation depth {:.2}",

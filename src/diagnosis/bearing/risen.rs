@@ -109,6 +109,11 @@ pub(super) fn is_news(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     growth(line, seen.features, seen.context).is_some_and(|(ratio, _)| ratio >= GROWN)
 }
 
+/// Whether a baseline has a line about as deep: it is no news.
+pub(super) fn is_known(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    growth(line, seen.features, seen.context).is_some_and(|(ratio, _)| ratio < GROWN)
+}
+
 /// How much deeper a line is than in the baseline, and the probability of that by chance. Where the channel is quieter than it was the
 /// depth is brought to the old level: the same blows are deeper in less.
 fn growth(

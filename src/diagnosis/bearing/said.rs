@@ -117,6 +117,16 @@ pub(super) fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> Strin
     )
 }
 
+/// Why a line of some effect neither accuses nor acquits (C42).
+pub(super) fn half_deep(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; a quarter of the bands find it half as deep as accuses ({:.2}) or deeper: too little to accuse, too much to acquit; a \
+         baseline of the healthy machine would tell",
+        sentence(line, context),
+        severity::WARNING_DEPTH
+    )
+}
+
 /// Why a line that has grown beside a stronger one does not accuse.
 pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<'_>) -> String {
     format!(

@@ -1,0 +1,54 @@
+//! Lines too small to accuse and too deep to acquit (docs/theory.md, C42).
+
+use super::tests::changed;
+use super::tests::judged_with;
+use super::tests::search;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::units::Hz;
+
+fn judged(lines: Vec<LineSearch>) -> Vec<ComponentDiagnosis> {
+    judged_with(1.0, lines, Vec::new(), Vec::new())
+}
+
+/// A line whose two harmonics make it so deep.
+fn of_depth(bearing: usize, depth: f64) -> LineSearch {
+    search(bearing, DefectLine::Bpfi, depth / f64::sqrt(2.0))
+}
+
+#[test]
+fn a_line_half_as_deep_as_accuses_acquits_nobody() {
+    let open = judged(vec![of_depth(0, 0.26)]).remove(0);
+    assert_eq!((open.state, open.fault), (State::Undetermined, None), "{}", open.why);
+    assert!(open.why.contains("too little to accuse, too much to acquit"), "{}", open.why);
+    let small = judged(vec![of_depth(0, 0.24)]).remove(0);
+    assert_eq!(small.state, State::Healthy, "{}", small.why);
+}
+
+#[test]
+fn a_small_line_that_chance_or_sound_elements_make_acquits_as_before() {
+    let healthy = |line: LineSearch| judged(vec![line]).remove(0).state == State::Healthy;
+    let chance = changed(of_depth(0, 0.26), |reading| {
+        reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 9.0);
+    });
+    assert!(healthy(chance));
+    // Nothing of it above the lowest band.
+    let smooth = changed(of_depth(0, 0.26), |reading| {
+        reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
+    });
+    assert!(healthy(smooth));
+    // The baseline of b has 0.05 of it: less than four times that is no news, more warns (C38).
+    let known = |depth: f64| judged(vec![of_depth(1, depth)]).remove(1).state;
+    assert_eq!((known(0.26), known(0.29)), (State::Healthy, State::Warning));
+}
+
+#[test]
+fn beside_what_another_bearing_strikes_a_small_line_leaves_nothing_open() {
+    let other = LineSearch { expected: Hz(190.0), ..search(1, DefectLine::Bpfo, 0.6) };
+    let at_other = changed(other, |reading| reading.frequency = Hz(190.0));
+    let verdicts = judged(vec![of_depth(0, 0.26), at_other]);
+    assert!(verdicts[1].state.is_accusation(), "{}", verdicts[1].why);
+    assert_eq!(verdicts[0].state, State::Healthy, "{}", verdicts[0].why);
+}
