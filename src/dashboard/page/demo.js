@@ -170,10 +170,11 @@ export function openDemo(root, { parts }) {
   }
 
   function update(state) {
+    const isNone = state.machines !== null && state.simulations.length === 0;
     // Without a simulation nothing will come for the other cards to show.
-    for (const card of [own, truth, verdict]) card.hidden = state.machines !== null && state.simulations.length === 0;
+    for (const card of [own, truth, verdict]) card.hidden = isNone;
     if (state.simulations.length === 0) {
-      if (state.machines) fill(presets, empty("No machine is simulated: a source of kind “simulated” in the configuration is, and so is the rig of rotorwatch demo."));
+      if (isNone) fill(presets, empty("No machine is simulated: a source of kind “simulated” in the configuration is, and so is the rig of rotorwatch demo."));
       return;
     }
     const ids = state.simulations.map((one) => one.machine);

@@ -339,13 +339,18 @@ fn what_stands_on_a_known_line_is_read_apart_with_what_is_beside_it() {
     assert!(!noise);
 }
 
-#[test]
-fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
+/// Multiples of a shaft's 33 Hz.
+fn shaft_series() -> Vec<KnownLine> {
     let known = |h: u32| {
         let frequency = Hz(f64::from(h) * 33.0);
         KnownLine { frequency, spacing: Hz(33.0), label: format!("{h}x main") }
     };
-    let series: Vec<KnownLine> = (1..=12).map(known).collect();
+    (1..=12).map(known).collect()
+}
+
+#[test]
+fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
+    let series = shaft_series();
     let read = |lines: &[(f64, f64)]| {
         let depth = spectrum_of(lines, 0.05);
         read_line(&of_ten_seconds(&depth), BAND, &task(&series), &mut Vec::new()).unwrap()
@@ -369,11 +374,7 @@ fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
 #[test]
 fn side_bands_are_read_at_the_harmonic_that_tells_the_line() {
     // 98.85 lies within 0.2 Hz of 3x: its side bands at 1x lie within that of 2x and 4x, those of 197.7 do not.
-    let known = |h: u32| {
-        let frequency = Hz(f64::from(h) * 33.0);
-        KnownLine { frequency, spacing: Hz(33.0), label: format!("{h}x main") }
-    };
-    let series: Vec<KnownLine> = (1..=12).map(known).collect();
+    let series = shaft_series();
     let read = |beside: [(f64, f64); 2]| {
         let depth = spectrum_of(&[[(98.85, 0.8), (197.7, 0.4)], beside].concat(), 0.05);
         let task = LineTask { side_band_spacing: Hz(33.0), ..task(&series) };
