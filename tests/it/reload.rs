@@ -295,6 +295,10 @@ fn a_restart_goes_on_with_what_was_taken_over() {
     judged(&daemon);
     change(&daemon, "rig.toml", &limit(0.1));
     let raised = support::wait_until("the alarm", || alarm(&daemon));
+    // What is told as an event is stored; an alarm that is only shown may be lost in a kill (ADR 11).
+    let is_told =
+        |event: &Event| event.name == "alarm" && event.data["alarm"]["id"] == raised["id"];
+    events(&daemon, "?last_event_id=0", None, |found| found.iter().any(is_told));
     let taken_over = hash(&daemon);
     daemon.signal("KILL");
     daemon.child.wait().unwrap();
