@@ -87,6 +87,8 @@ pub struct PulseTrainPlan {
     knots: Vec<(f64, i64)>,
     residuals_s: Vec<f64>,
     sorted_s: Vec<f64>,
+    /// How far each may be off.
+    limits_s: Vec<f64>,
     segments: Vec<Segment>,
     counts: PulseCounts,
 }
@@ -114,6 +116,7 @@ impl PulseTrainPlan {
             knots: Vec::with_capacity(max_pulses),
             residuals_s: Vec::with_capacity(max_pulses),
             sorted_s: Vec::with_capacity(max_pulses),
+            limits_s: Vec::with_capacity(max_pulses),
             // A segment begins with four pulses at least.
             segments: Vec::with_capacity(max_pulses / 4),
             counts: PulseCounts::default(),

@@ -9,6 +9,13 @@ const HALF_WIDTH: usize = 4;
 /// A pulse this many robust standard deviations off is no pulse of this motion.
 const OUTLIER: f64 = 5.0;
 
+/// Pulses on either side of those nearest.
+const NEAREST: usize = 2;
+
+/// Beyond its end a parabola through eight pulses misses by what a third derivative adds; one through the four nearest differs from it
+/// by four fifths of that, and by less where a fourth derivative takes it back.
+const CURVED: f64 = 3.0;
+
 /// Rounds of taking outliers out.
 const MAX_PASSES: usize = 4;
 
@@ -120,17 +127,32 @@ impl PulseTrainPlan {
     }
 
     fn residual_s(&self, i: usize) -> Option<f64> {
-        let width = 2 * HALF_WIDTH + 1;
-        let start = i.saturating_sub(HALF_WIDTH).min(self.knots.len() - width);
-        let other = |k: usize| start + k + usize::from(start + k >= i);
-        let point = |k: usize| (self.knots[other(k)].0, self.angle_of(self.knots[other(k)].1));
-        let fitted = Parabola::fit(width - 1, point)?;
+        let (fitted, speed_hz) = self.around(i, HALF_WIDTH)?;
         let (time_s, mark) = self.knots[i];
-        // The mean speed around: at a start from rest the one at the knot is 0.
-        let (first, last) = (self.knots[start], self.knots[start + width - 1]);
-        let speed_hz = (self.angle_of(last.1) - self.angle_of(first.1)) / (last.0 - first.0);
         let miss_s = (self.angle_of(mark) - fitted.at(time_s)) / speed_hz;
         Some(miss_s / (1.0 + fitted.variance_at(time_s)?).sqrt())
+    }
+
+    /// The parabola through the knots around one without itself, and the mean speed over them: at a start from rest the one at the
+    /// knot is 0.
+    fn around(&self, i: usize, half_width: usize) -> Option<(Parabola, f64)> {
+        let width = 2 * half_width + 1;
+        let start = i.saturating_sub(half_width).min(self.knots.len() - width);
+        let other = |k: usize| start + k + usize::from(start + k >= i);
+        let point = |k: usize| (self.knots[other(k)].0, self.angle_of(self.knots[other(k)].1));
+        let (first, last) = (self.knots[start], self.knots[start + width - 1]);
+        let speed_hz = (self.angle_of(last.1) - self.angle_of(first.1)) / (last.0 - first.0);
+        Some((Parabola::fit(width - 1, point)?, speed_hz))
+    }
+
+    /// How far a knot may miss because the motion around it is no parabola, which tells beyond an end, s, over the same as its
+    /// residual.
+    fn curved_s(&self, i: usize) -> Option<f64> {
+        let time_s = self.knots[i].0;
+        let ((long, speed_hz), (short, _)) =
+            (self.around(i, HALF_WIDTH)?, self.around(i, NEAREST)?);
+        let apart_s = (long.at(time_s) - short.at(time_s)).abs() / speed_hz;
+        Some(CURVED * apart_s / (1.0 + long.variance_at(time_s)?).sqrt())
     }
 
     /// Removes knots further than five robust deviations from the motion around them: the worst of
@@ -147,12 +169,18 @@ impl PulseTrainPlan {
             let rounding_s = 1e-12 * self.knots.last().map_or(0.0, |knot| knot.0.abs());
             let limit_s = OUTLIER * typical_s + rounding_s;
             let n = self.knots.len();
+            self.limits_s.clear();
+            for i in 0..n {
+                let is_far = self.residuals_s[i].abs() > limit_s;
+                let curved_s = if is_far { self.curved_s(i) } else { None };
+                self.limits_s.push(limit_s.max(curved_s.unwrap_or(0.0)));
+            }
             let mut kept = 0;
             for i in 0..n {
                 let miss_s = self.residuals_s[i].abs();
                 let around = i.saturating_sub(HALF_WIDTH)..n.min(i + HALF_WIDTH + 1);
                 let is_worst = self.residuals_s[around].iter().all(|r| r.abs() <= miss_s);
-                if miss_s <= limit_s || !is_worst {
+                if miss_s <= self.limits_s[i] || !is_worst {
                     self.knots[kept] = self.knots[i];
                     kept += 1;
                 }
