@@ -251,7 +251,15 @@ impl<'a> Candidate<'a> {
         // A cage strikes nothing: what few bands show at its rate is modulation.
         self.search.line != DefectLine::Ftf
             && self.narrow_probability <= confidence::FALSE_ALARM_PROBABILITY
-            && self.depth() >= NARROW_DEPTH
+            && (self.depth() >= NARROW_DEPTH || self.is_deep_and_carried())
+    }
+
+    /// Whether it is as deep as matters in a band at least, and a rolling element's with side bands at FTF: no sound element that passes
+    /// and no structure makes both, so that it need not be deep in more (C4).
+    fn is_deep_and_carried(&self) -> bool {
+        self.search.line == DefectLine::TwoBsf
+            && self.depth() >= severity::WARNING_DEPTH
+            && !self.is_bare()
     }
 
     /// Probability of a false alarm of the way it is proven: in a quarter of the bands only where most do
@@ -275,11 +283,21 @@ impl<'a> Candidate<'a> {
         self.probability() <= N_WAYS * confidence::FALSE_ALARM_PROBABILITY
     }
 
-    /// Whether a quarter of the bands find it as deep as matters: impacts are deep wherever they are heard,
-    /// passing elements only where they happen to move the vibration's level.
+    /// Whether the bands find it as deep as matters: impacts are deep wherever they are heard, passing elements only where they happen
+    /// to move the vibration's level.
     pub(super) fn is_agreed(&self) -> bool {
+        self.is_deep_in_many() || self.is_deep_and_carried()
+    }
+
+    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it.
+    fn is_deep_in_many(&self) -> bool {
         self.agreed_depth >= severity::WARNING_DEPTH
             || self.is_broad() && self.depth() >= NARROW_DEPTH
+    }
+
+    /// Whether its depth tells how bad it is, not only that it is there: it is shown by most bands and deep in many.
+    pub(super) fn is_measured(&self) -> bool {
+        self.is_broad() && self.is_deep_in_many()
     }
 
     /// Whether it is there beyond chance, and a quarter of the bands find it half as deep as accuses (C42).

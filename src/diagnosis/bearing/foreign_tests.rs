@@ -76,3 +76,37 @@ fn near_a_multiple_of_a_name_plates_speed_that_nothing_confirms_nobody_is_accuse
     let near = at(SpeedSource::Machine, 5.03, with_side_band);
     assert_eq!(near.state, State::Undetermined, "{}", near.why);
 }
+
+/// A line that so many of eight bands show, and one finds as deep as matters.
+fn deep_in_one(line: DefectLine, n_showing: usize) -> LineSearch {
+    let mut found = search(0, line, 0.1);
+    let bands = found.outcome.as_mut().unwrap();
+    bands.extend_from_within(..);
+    for (i, reading) in bands.iter_mut().enumerate() {
+        let low = 1e3 * f64::from(u8::try_from(i).unwrap());
+        (reading.band.low, reading.band.high) = (Hz(low), Hz(low + 1e3));
+        let (depth, power_ratio) = match i {
+            5 => (0.6, 900.0),
+            _ if i + n_showing >= 8 => (0.1, 900.0),
+            _ => (0.01, 1.0),
+        };
+        let harmonics = reading.harmonics.iter_mut().flatten();
+        harmonics.for_each(|h| (h.depth, h.power_ratio) = (depth, power_ratio));
+    }
+    found
+}
+
+#[test]
+fn elements_with_the_side_bands_of_their_cage_need_not_be_deep_in_many_bands() {
+    let with_cage = |n_showing| changed(deep_in_one(DefectLine::TwoBsf, n_showing), with_side_band);
+    let accused = judged(None, vec![with_cage(3)]);
+    assert_eq!(accused.fault, Some(FaultMode::RollingElement), "{}", accused.why);
+    assert_eq!(accused.state, State::Warning, "few bands are no measure: {}", accused.why);
+    // Too few show it; without the cage; a race, whose sound elements pass.
+    let race = changed(deep_in_one(DefectLine::Bpfi, 3), with_side_band);
+    for line in [with_cage(0), deep_in_one(DefectLine::TwoBsf, 3), race] {
+        let open = judged(None, vec![line]);
+        assert_eq!(open.state, State::Undetermined, "{}", open.why);
+        assert!(open.why.contains("too few bands have 0.50 to accuse"), "{}", open.why);
+    }
+}

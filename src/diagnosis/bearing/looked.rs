@@ -185,4 +185,17 @@ mod tests {
         let other = judged(vec![elsewhere, search(0, DefectLine::Bpfo, 0.6)]).remove(0);
         assert_eq!(other.fault, Some(FaultMode::OuterRace), "{}", other.why);
     }
+
+    #[test]
+    fn a_race_that_cannot_be_read_hides_no_doubt_about_another_line() {
+        let coinciding = LineSearch {
+            coincides: Some("9× s".to_owned()),
+            expected: Hz(270.0),
+            ..search(0, DefectLine::Bpfi, 0.0)
+        };
+        let verdict = judged(vec![coinciding, search(0, DefectLine::Bpfo, 0.3)]).remove(0);
+        assert_eq!(verdict.state, State::Undetermined);
+        let said = ["BPFO", "too little to accuse", "besides, BPFI 270.0 Hz coincides with 9× s"];
+        assert!(said.iter().all(|part| verdict.why.contains(part)), "{}", verdict.why);
+    }
 }

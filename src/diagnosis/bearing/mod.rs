@@ -145,7 +145,6 @@ fn judge_one(
         (None, Some((first, others))) => {
             warn_of_shared(&mut verdict, first, others, features, context)
         }
-        (None, None) if unread.is_some() => verdict.why = unread.unwrap_or_default(),
         (None, None) => match (grown, struck::strongest(bearing, features, context, accepted)) {
             (Some(Growth::Proven(grown)), _) => {
                 accuse_by_growth(&mut verdict, &grown, features, context);
@@ -158,9 +157,12 @@ fn judge_one(
             (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
             (None, None) => match risen::strongest(&seen) {
                 Some(risen) => risen.warn(&mut verdict, &seen),
-                None => match doubt::why_open(&doubts, &candidates, &searches, &seen) {
-                    Some(why) => verdict.why = why,
-                    None => acquit_what_is_heard(&mut verdict, &candidates, &searches, &seen),
+                None => match (doubt::why_open(&doubts, &candidates, &searches, &seen), unread) {
+                    (Some(why), None) | (None, Some(why)) => verdict.why = why,
+                    (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),
+                    (None, None) => {
+                        acquit_what_is_heard(&mut verdict, &candidates, &searches, &seen);
+                    }
                 },
             },
         },
@@ -205,7 +207,7 @@ fn accuse(
         verdict.why.push_str(&also);
     }
     // What few bands hear is a fault, not yet a measure of it.
-    let severity = if first.is_broad() { severity } else { severity::not_damaged(severity) };
+    let severity = if first.is_measured() { severity } else { severity::not_damaged(severity) };
     verdict.severity = Some(severity);
     if leads {
         verdict.state = severity::state(severity);
