@@ -135,38 +135,7 @@ fn judge_one(
     let seen = Seen { bearing, features, context, accepted };
     let mut sorted = doubt::sort(&candidates, &seen);
     let unsure = leave_unsure(&mut sorted, context);
-    let Sorted { proven, shared, doubts } = sorted;
-    let unread = looked::race_not_read(&searches);
-    let grown = grown::strongest(bearing, features, context, accepted);
-    match (proven.first(), shared.first()) {
-        (Some(first), _) => {
-            accuse(&mut verdict, first, &proven[1..], &candidates, features, context)
-        }
-        (None, Some((first, others))) => {
-            warn_of_shared(&mut verdict, first, others, features, context)
-        }
-        (None, None) => match (grown, struck::strongest(bearing, features, context, accepted)) {
-            (Some(Growth::Proven(grown)), _) => {
-                accuse_by_growth(&mut verdict, &grown, features, context);
-            }
-            (_, Some(struck)) => warn_of_strikes(&mut verdict, &struck, features, context),
-            (Some(Growth::Beside(grown, other)), None) => {
-                verdict.why = said::beside(&grown, other, context);
-            }
-            (Some(Growth::Carried(grown)), None) => verdict.why = said::loaded(&grown, context),
-            (None, None) if unsure.is_some() => verdict.why = unsure.unwrap_or_default(),
-            (None, None) => match risen::strongest(&seen) {
-                Some(risen) => risen.warn(&mut verdict, &seen),
-                None => match (doubt::why_open(&doubts, &candidates, &searches, &seen), unread) {
-                    (Some(why), None) | (None, Some(why)) => verdict.why = why,
-                    (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),
-                    (None, None) => {
-                        acquit_what_is_heard(&mut verdict, &candidates, &searches, &seen);
-                    }
-                },
-            },
-        },
-    }
+    decide(&mut verdict, &sorted, unsure, (&candidates, &searches), &seen);
     if verdict.state.is_accusation() {
         verdict.why.push_str(&sensor::cut_note(features, heard_in(&searches), context));
     }
@@ -174,6 +143,48 @@ fn judge_one(
         verdict.why.push_str(&said::wide_band(bearing, context));
     }
     verdict
+}
+
+/// Fills in what is said of a bearing: what accuses it, strongest first, else what leaves it open, else its health.
+fn decide(
+    verdict: &mut ComponentDiagnosis,
+    sorted: &Sorted<'_>,
+    unsure: Option<String>,
+    (candidates, searches): (&[Candidate<'_>], &[&LineSearch]),
+    seen: &Seen<'_>,
+) {
+    let Seen { bearing, features, context, accepted } = *seen;
+    if let Some((first, others)) = sorted.proven.split_first() {
+        return accuse(verdict, first, others, candidates, features, context);
+    }
+    if let Some((first, others)) = sorted.shared.first() {
+        return warn_of_shared(verdict, first, others, features, context);
+    }
+    let grown = grown::strongest(bearing, features, context, accepted);
+    if let Some(Growth::Proven(grown)) = &grown {
+        return accuse_by_growth(verdict, grown, features, context);
+    }
+    if let Some(struck) = struck::strongest(bearing, features, context, accepted) {
+        return warn_of_strikes(verdict, &struck, features, context);
+    }
+    let open = match &grown {
+        Some(Growth::Beside(grown, other)) => Some(said::beside(grown, other, context)),
+        Some(Growth::Carried(grown)) => Some(said::loaded(grown, context)),
+        Some(Growth::Proven(_)) | None => unsure,
+    };
+    if let Some(why) = open {
+        verdict.why = why;
+        return;
+    }
+    if let Some(risen) = risen::strongest(seen) {
+        return risen.warn(verdict, seen);
+    }
+    let open = doubt::why_open(&sorted.doubts, candidates, searches, seen);
+    match (open, looked::race_not_read(searches)) {
+        (Some(why), None) | (None, Some(why)) => verdict.why = why,
+        (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),
+        (None, None) => acquit_what_is_heard(verdict, candidates, searches, seen),
+    }
 }
 
 /// Channels that lines could be read in.
