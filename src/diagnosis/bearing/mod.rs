@@ -417,7 +417,7 @@ fn acquit(
         Some(_) | None => "no defect line stands over the noise floor".to_owned(),
     };
     if !accepted.is_empty() {
-        verdict.why.push_str("; lines of the accused bearing were set aside");
+        verdict.why.push_str("; what a stronger line explains was set aside");
     }
     for line in DefectLine::ALL {
         if let Some(why) = looked::not_read(line, searches) {
