@@ -29,9 +29,6 @@ use std::path::Path;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Longest window of an offline diagnosis: a 10 s record is one window.
-const WINDOW_S: f64 = 12.0;
-
 /// Samples of all channels in a window at most: bounds memory for fast or many channels.
 const MAX_WINDOW_SAMPLES: f64 = 4e6;
 
@@ -147,7 +144,7 @@ pub fn machine_of(file: &Path, reference: &Reference) -> Result<Arc<Machine>, Of
 }
 
 /// Reads again the samples a diagnosis rests on: of each channel of `ranges` (name, first sample, one past the
-/// last) the last contiguous run inside, and of that the last 12 s at most.
+/// last) the last contiguous run inside, and of that the longest window at most.
 ///
 /// # Errors
 /// When the capture cannot be read.
@@ -156,7 +153,8 @@ pub fn stretches(
     reference: &Reference,
     ranges: &[(String, u64, u64)],
 ) -> Result<Vec<Stretch>, OfflineError> {
-    let (mut reader, _) = open(file, reference)?;
+    let (mut reader, machine) = open(file, reference)?;
+    let longest_s = windows::longest_s(&machine, hints(reader.info(), reference));
     let channels: Vec<ChannelInfo> =
         reader.info().channels.iter().map(|c| c.info.clone()).collect();
     let n_channels = channels.len().max(1) as f64;
@@ -182,7 +180,8 @@ pub fn stretches(
         }
         if let Some((_, stretch)) = &mut found[at] {
             stretch.samples.extend_from_slice(part);
-            stretch.keep_last((WINDOW_S * info.sample_rate.0).min(MAX_WINDOW_SAMPLES / n_channels));
+            stretch
+                .keep_last((longest_s * info.sample_rate.0).min(MAX_WINDOW_SAMPLES / n_channels));
         }
     }
     Ok(found.into_iter().flatten().map(|(_, stretch)| stretch).collect())
@@ -211,8 +210,8 @@ fn run(
     let (mut reader, machine) = open(file, reference)?;
     let info = reader.info();
     let channels: Vec<ChannelInfo> = info.channels.iter().map(|c| c.info.clone()).collect();
-    let hints = SpeedHints { option: reference.speed, capture: info.shaft_speed };
-    let settings = settings(info, &channels, reference);
+    let hints = hints(info, reference);
+    let settings = settings(info, &channels, (&machine, hints), reference);
     let duration_s = info.duration_s;
     let notes = info.notes.clone();
     let mut monitor = Monitor::new(machine, channels, hints, &settings)
@@ -294,10 +293,20 @@ fn implied_machine(info: &CaptureInfo) -> Machine {
     }
 }
 
-/// Equal windows of at most [`WINDOW_S`], end to end.
-fn settings(info: &CaptureInfo, channels: &[ChannelInfo], reference: &Reference) -> Settings {
+/// Speeds that are stated for a capture.
+fn hints(info: &CaptureInfo, reference: &Reference) -> SpeedHints {
+    SpeedHints { option: reference.speed, capture: info.shaft_speed }
+}
+
+/// Equal windows of at most [`windows::longest_s`], end to end.
+fn settings(
+    info: &CaptureInfo,
+    channels: &[ChannelInfo],
+    (machine, hints): (&Machine, SpeedHints),
+    reference: &Reference,
+) -> Settings {
     let rate: f64 = channels.iter().map(|c| c.sample_rate.0).sum();
-    let longest = WINDOW_S.min(MAX_WINDOW_SAMPLES / rate.max(1.0));
+    let longest = windows::longest_s(machine, hints).min(MAX_WINDOW_SAMPLES / rate.max(1.0));
     let whole = info.segments.is_none() && info.duration_s > 0.0;
     let window_s = if whole { windows::equal_s(info.duration_s, longest) } else { longest };
     let provisional = info.segments.filter(|n| *n >= MIN_SEGMENTS_FOR_PROVISIONAL);

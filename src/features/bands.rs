@@ -30,7 +30,7 @@ const MOTION_LINES: f64 = 8.0;
 
 /// Nor is the band they live in cut below 1 kHz: modes of shafts and housings ring there, and carry such motions upwards. Records of 10 kHz have
 /// their lowest quarter there, and it is on those that sound bearings were tried.
-const MOTION: Hz = Hz(1000.0);
+pub const MOTION: Hz = Hz(1000.0);
 
 /// Part of the Nyquist band that is used when the sensor states no usable band: anti-alias filters
 /// of the field roll off above 0.9…0.95 of it.

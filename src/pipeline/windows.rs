@@ -1,5 +1,32 @@
 //! Where windows lie: a grid of hops from the start of each contiguous run of stream time.
 
+use crate::features::speed;
+use crate::features::speed::SpeedHints;
+use crate::machine::Machine;
+
+/// Longest window of a record of a machine at usual speeds, s: one of 10 s is one window.
+const USUAL_S: f64 = 12.0;
+
+/// Revolutions that a window of a slower machine holds: as many as one of the usual length at 10 Hz. Lines are told from a shaft's
+/// harmonics by revolutions, not by seconds.
+const REVOLUTIONS: f64 = 120.0;
+
+/// No window is longer, s: the limit of `window_seconds` in the daemon's file.
+const LONGEST_S: f64 = 600.0;
+
+/// Longest window of a record of `machine`, s: long enough for the slowest shaft with a bearing, as far as its speed is stated.
+#[must_use]
+pub fn longest_s(machine: &Machine, hints: SpeedHints) -> f64 {
+    let stated = speed::nominal(hints, machine.nominal_speed());
+    let speed_hz = |first| {
+        let shafts = machine.bearings.iter().map(|bearing| bearing.shaft);
+        shafts.filter_map(move |shaft| machine.shaft_speed(shaft, first)).map(|speed| speed.0)
+    };
+    let slowest_hz = stated.into_iter().flat_map(|(first, _)| speed_hz(first));
+    let needed_s = slowest_hz.filter(|hz| *hz > 0.0).map(|hz| REVOLUTIONS / hz);
+    needed_s.fold(USUAL_S, f64::max).min(LONGEST_S)
+}
+
 /// Length of the fewest equal windows that lie end to end in a record and are no longer than `longest_s`, s.
 #[must_use]
 pub fn equal_s(duration_s: f64, longest_s: f64) -> f64 {
@@ -67,6 +94,27 @@ impl WindowGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn longest(toml: &str, hints: SpeedHints) -> f64 {
+        longest_s(&crate::machine::file::parse(toml, "m").unwrap(), hints)
+    }
+
+    #[test]
+    fn a_window_holds_enough_revolutions_of_the_slowest_shaft_with_a_bearing() {
+        let machine = "[machine]\nid = \"m\"\nname = \"m\"\n[[shaft]]\nid = \"fast\"\nspeed_hz = 20.0\n\
+             [[shaft]]\nid = \"slow\"\nratio_to = { shaft = \"fast\", ratio = 0.1 }\n[[bearing]]\nid = \"b\"\nshaft = \"SHAFT\"\n\
+             elements = 9\nelement_diameter_mm = 8.0\npitch_diameter_mm = 40.0\ncontact_angle_deg = 0.0\n";
+        let on = |shaft: &str| machine.replace("SHAFT", shaft);
+        let unsaid = SpeedHints::default();
+        assert_eq!(longest(&on("fast"), unsaid), 12.0, "the slow shaft has no bearing");
+        assert!((longest(&on("slow"), unsaid) - 60.0).abs() < 1e-9);
+        let written = SpeedHints { capture: Some(crate::units::Hz(5.0)), ..unsaid };
+        assert!((longest(&on("slow"), written) - 240.0).abs() < 1e-9);
+        let creeping = SpeedHints { option: Some(crate::units::Hz(0.1)), ..unsaid };
+        assert_eq!(longest(&on("slow"), creeping), 600.0);
+        let unstated = on("fast").replace("speed_hz = 20.0\n", "");
+        assert_eq!(longest(&unstated, unsaid), 12.0);
+    }
 
     #[test]
     fn windows_grow_to_their_length_and_then_slide() {

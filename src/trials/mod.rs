@@ -36,9 +36,6 @@ use crate::units::Hz;
 use crate::units::Unit;
 use std::sync::Arc;
 
-/// Longest window, s: a trial is one window unless it is thinned.
-const WINDOW_S: f64 = 12.0;
-
 /// Length of the blocks in which channels are handed in by turns, s.
 const TURN_S: f64 = 0.5;
 
@@ -136,7 +133,7 @@ impl Measured {
 
     /// Length of equal windows end to end, as a capture is judged in.
     fn window_s(&self) -> f64 {
-        windows::equal_s(self.duration_s(), WINDOW_S)
+        windows::equal_s(self.duration_s(), windows::longest_s(&self.machine, self.hints))
     }
 
     fn run(

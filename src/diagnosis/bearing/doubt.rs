@@ -13,6 +13,7 @@ use super::said;
 use super::sentence;
 use crate::diagnosis::Context;
 use crate::features::WindowFeatures;
+use crate::features::bands;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::speed::REFINE_RANGE;
@@ -188,7 +189,9 @@ pub(super) fn why_open(
         let mut of_elements = candidates.iter().filter(|c| c.search.line != DefectLine::Ftf);
         // A smooth motion in few bands is what a sound bearing shows, but not one that owes half of its energy to a line.
         let is_sound = |c: &Candidate<'_>| {
-            c.depth() < candidate::NARROW_DEPTH && is_seen_to_be_smooth(c, seen)
+            c.depth() < candidate::NARROW_DEPTH
+                && is_below_ringing(c)
+                && is_seen_to_be_smooth(c, seen)
         };
         let is_odd =
             |c: &&Candidate<'_>| c.is_deep_in_few() && !is_sound(c) && !has_not_grown(c, seen);
@@ -220,7 +223,7 @@ fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
     let is_open = |line: &&Candidate<'_>| {
         line.search.line != DefectLine::Ftf
             && line.is_half_deep()
-            && !is_passing(line, seen)
+            && !is_sound_passing(line, seen)
             && !risen::is_known(line, seen)
     };
     let lines = candidates.iter().filter(|_| seen.accepted.iter().all(is_own));
@@ -323,6 +326,13 @@ pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
 }
 
+/// The same, for sure: what is smooth below the frequencies at which structures ring.
+fn is_sound_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    is_smooth(line, seen) && is_below_ringing(line)
+        || is_of_tone(line, seen)
+        || has_not_grown(line, seen)
+}
+
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
 /// rate.
 fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
@@ -338,6 +348,12 @@ fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
         && candidate::is_of_tone(&everywhere(line, seen, |s| {
             Candidate::weigh(s, seen.accepted, 1.0)
         }))
+}
+
+/// Whether the band a smooth motion lives in ends below what structures ring at (C43): that of fast lines reaches further up, and blows that
+/// ring inside it look as smooth.
+fn is_below_ringing(line: &Candidate<'_>) -> bool {
+    line.motion_top().0 <= 2.0 * bands::MOTION.0
 }
 
 /// Whether it is smooth and nothing hides what it may do above.

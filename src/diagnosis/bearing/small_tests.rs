@@ -45,6 +45,23 @@ fn a_small_line_that_chance_or_sound_elements_make_acquits_as_before() {
 }
 
 #[test]
+fn a_motion_in_a_band_in_which_structures_ring_acquits_nobody() {
+    // Nothing above the lowest quarter, which ends at 1 or 5 kHz.
+    let smooth = |depth: f64, times: f64| {
+        let line = changed(of_depth(0, depth), |reading| {
+            reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
+            reading.band.low.0 *= times;
+            reading.band.high.0 *= times;
+        });
+        judged(vec![line]).remove(0)
+    };
+    assert_eq!(smooth(0.26, 1.0).state, State::Healthy);
+    let open = smooth(0.26, 5.0);
+    assert_eq!((open.state, open.fault), (State::Undetermined, None), "{}", open.why);
+    assert_eq!(smooth(0.24, 5.0).state, State::Healthy, "too small to leave anything open");
+}
+
+#[test]
 fn beside_what_another_bearing_strikes_a_small_line_leaves_nothing_open() {
     let other = LineSearch { expected: Hz(190.0), ..search(1, DefectLine::Bpfo, 0.6) };
     let at_other = changed(other, |reading| reading.frequency = Hz(190.0));

@@ -27,15 +27,60 @@ const RATES_HZ: [f64; 17] = [
     48_828.0, 50_000.0, 51_200.0, 64_000.0, 97_656.0, 102_400.0, 200_000.0,
 ];
 
-/// Lengths, s, and samples at most.
-const DURATION_S: (f64, f64) = (1.0, 20.0);
+/// Samples at most.
 const MAX_SAMPLES: f64 = 800_000.0;
 
 /// A record shorter than this has its speed written down or a tacho, s: no signal tells it better than 1/T.
 const TELLS_SPEED_S: f64 = 2.0;
 
-/// Speeds, Hz.
-const SPEED_HZ: (f64, f64) = (8.0, 50.0);
+/// How fast a machine turns, and what is recorded of such.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Mills, mixers, wind turbines.
+    Slow,
+    /// Motors, pumps, fans.
+    Usual,
+    /// Spindles, compressors, turbines.
+    Fast,
+}
+
+impl Pace {
+    /// Name for tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Slow => "slow",
+            Self::Usual => "usual",
+            Self::Fast => "fast",
+        }
+    }
+
+    /// Speeds, Hz.
+    fn speed_hz(self) -> (f64, f64) {
+        match self {
+            Self::Slow => (0.5, 8.0),
+            Self::Usual => (8.0, 50.0),
+            Self::Fast => (50.0, 500.0),
+        }
+    }
+
+    /// Lengths, s.
+    fn duration_s(self) -> (f64, f64) {
+        match self {
+            Self::Slow => (20.0, 100.0),
+            Self::Usual | Self::Fast => (1.0, 20.0),
+        }
+    }
+
+    /// Sampling rates, Hz.
+    fn rates_hz(self) -> &'static [f64] {
+        match self {
+            Self::Slow => &RATES_HZ[..6],
+            Self::Usual => &RATES_HZ,
+            Self::Fast => &RATES_HZ[9..],
+        }
+    }
+}
 
 /// How far a speed beside the record, and one on a name plate, may be off, relative.
 const WRITTEN: f64 = 0.003;
@@ -93,12 +138,13 @@ impl Plant {
     ///
     /// # Errors
     /// Never, as long as what is drawn makes a machine file.
-    pub fn draw(random: &mut Pcg64Mcg) -> Result<Self, MachineFileErrors> {
-        let rate = Hz(RATES_HZ[random.random_range(0..RATES_HZ.len())]);
-        let drawn_s = log_uniform(DURATION_S, random);
+    pub fn draw(pace: Pace, random: &mut Pcg64Mcg) -> Result<Self, MachineFileErrors> {
+        let rates_hz = pace.rates_hz();
+        let rate = Hz(rates_hz[random.random_range(0..rates_hz.len())]);
+        let drawn_s = log_uniform(pace.duration_s(), random);
         let n_samples = crate::dsp::real::floor_index((drawn_s * rate.0).min(MAX_SAMPLES));
         let duration_s = n_samples as f64 / rate.0;
-        let speed_hz = log_uniform(SPEED_HZ, random);
+        let speed_hz = log_uniform(pace.speed_hz(), random);
         let told = Told::draw(duration_s, random);
         let turn = Turn::draw(motion(told, random), speed_hz, duration_s, random);
         let turned: Vec<f64> =
