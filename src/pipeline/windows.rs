@@ -106,14 +106,16 @@ mod tests {
              elements = 9\nelement_diameter_mm = 8.0\npitch_diameter_mm = 40.0\ncontact_angle_deg = 0.0\n";
         let on = |shaft: &str| machine.replace("SHAFT", shaft);
         let unsaid = SpeedHints::default();
-        assert_eq!(longest(&on("fast"), unsaid), 12.0, "the slow shaft has no bearing");
-        assert!((longest(&on("slow"), unsaid) - 60.0).abs() < 1e-9);
+        let is = |found: f64, wanted: f64| assert!((found - wanted).abs() < 1e-9, "{found}");
+        // The slow shaft has no bearing.
+        is(longest(&on("fast"), unsaid), 12.0);
+        is(longest(&on("slow"), unsaid), 60.0);
         let written = SpeedHints { capture: Some(crate::units::Hz(5.0)), ..unsaid };
-        assert!((longest(&on("slow"), written) - 240.0).abs() < 1e-9);
+        is(longest(&on("slow"), written), 240.0);
         let creeping = SpeedHints { option: Some(crate::units::Hz(0.1)), ..unsaid };
-        assert_eq!(longest(&on("slow"), creeping), 600.0);
+        is(longest(&on("slow"), creeping), 600.0);
         let unstated = on("fast").replace("speed_hz = 20.0\n", "");
-        assert_eq!(longest(&unstated, unsaid), 12.0);
+        is(longest(&unstated, unsaid), 12.0);
     }
 
     #[test]
