@@ -161,10 +161,7 @@ const DRAWN_DB: [(f64, f64); 4] = [(-10.0, -5.0), (-5.0, 0.0), (0.0, 5.0), (5.0,
 
 /// As many sound machines as damaged ones are drawn.
 fn drawn_tasks(plan: &Plan, pace: Pace) -> Vec<Task> {
-    let of = match pace {
-        Pace::Usual => "drawn".to_owned(),
-        Pace::Slow | Pace::Fast => format!("drawn, {}", pace.name()),
-    };
+    let of = pace.group();
     let strengths = if plan.is_thin { &DRAWN_DB[2..3] } else { &DRAWN_DB[..] };
     let mut tasks = Vec::new();
     for seed in plan.first_seed..plan.first_seed + plan.n_seeds {

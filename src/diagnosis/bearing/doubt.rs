@@ -326,7 +326,7 @@ pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
 }
 
-/// The same, for sure: what is smooth below the frequencies at which structures ring.
+/// Whether it is what sound elements make: as [`is_passing`], but smooth only below the frequencies at which structures ring (C43).
 fn is_sound_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_smooth(line, seen) && is_below_ringing(line)
         || is_of_tone(line, seen)
@@ -350,8 +350,8 @@ fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
         }))
 }
 
-/// Whether the band a smooth motion lives in ends below what structures ring at (C43): that of fast lines reaches further up, and blows that
-/// ring inside it look as smooth.
+/// Whether the band a smooth motion lives in ends below what structures ring at (C43): an octave that is cut no further ends below twice
+/// what it must hold. That of fast lines reaches further up, and blows that ring inside it look as smooth.
 fn is_below_ringing(line: &Candidate<'_>) -> bool {
     line.motion_top().0 <= 2.0 * bands::MOTION.0
 }

@@ -45,13 +45,13 @@ pub enum Pace {
 }
 
 impl Pace {
-    /// Name for tables.
+    /// Name of its trials in tables.
     #[must_use]
-    pub fn name(self) -> &'static str {
+    pub fn group(self) -> &'static str {
         match self {
-            Self::Slow => "slow",
-            Self::Usual => "usual",
-            Self::Fast => "fast",
+            Self::Slow => "drawn, slow",
+            Self::Usual => "drawn",
+            Self::Fast => "drawn, fast",
         }
     }
 
@@ -72,7 +72,7 @@ impl Pace {
         }
     }
 
-    /// Sampling rates, Hz.
+    /// Sampling rates, Hz: slow machines up to 12.8 kHz, fast ones from 42 kHz on.
     fn rates_hz(self) -> &'static [f64] {
         match self {
             Self::Slow => &RATES_HZ[..6],
