@@ -5,18 +5,13 @@
 
 use super::MUST_BE_HEALTHY;
 use super::data;
+use super::recording::Recording;
+use super::recording::rms;
 use super::scored;
 use super::truth;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use rotorwatch::capture::hints::Hints;
-use rotorwatch::capture::reader::CaptureReader;
-use rotorwatch::capture::writer::CaptureHeader;
-use rotorwatch::capture::writer::CaptureWriter;
-use rotorwatch::capture::writer::ChannelHeader;
-use rotorwatch::capture::writer::ChannelSamples;
-use rotorwatch::capture::writer::ChannelStorage;
 use rotorwatch::diagnosis::fault::ComponentKind;
 use rotorwatch::diagnosis::fault::State;
 use rotorwatch::diagnosis::verdict::Diagnosis;
@@ -31,7 +26,6 @@ use rotorwatch::trials::motion::Motion;
 use rotorwatch::trials::motion::Turn;
 use rotorwatch::trials::vibration;
 use rotorwatch::trials::vibration::Strikes;
-use rotorwatch::units::Hz;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -73,10 +67,10 @@ impl Added {
 
     /// Strengths sample by sample.
     fn strikes(self, sound: &Sound, random: &mut Pcg64Mcg) -> Vec<f64> {
-        let (n, rate_hz) = (sound.channels[0].1.len(), sound.rate_hz);
-        let turn = Turn::draw(Motion::Steady, sound.speed_hz, n as f64 / rate_hz, random);
+        let (n, rate_hz) = (sound.recording.channels[0].1.len(), sound.recording.rate_hz);
+        let turn = Turn::draw(Motion::Steady, sound.speed_hz, sound.recording.duration_s(), random);
         let strikes = match self {
-            Self::Defect(defect) => of_defect(defect, &sound.orders, random),
+            Self::Defect(defect) => drawn::rhythm(defect, &sound.orders, random),
             Self::Knocks => Strikes {
                 order: [0.5, 1.0, 1.37, 2.0][random.random_range(0..4_usize)],
                 jitter: 0.0,
@@ -93,28 +87,6 @@ impl Added {
     }
 }
 
-/// Strikes of a defect whose elements slip, and do so unevenly.
-fn of_defect(defect: Defect, orders: &FaultOrders, random: &mut Pcg64Mcg) -> Strikes {
-    let mut slip = random.random_range(-0.015..0.005);
-    let depth = match defect {
-        Defect::InnerRace => random.random_range(0.4..1.0),
-        Defect::OuterRace => [0.0, 0.0, 0.3][random.random_range(0..3_usize)],
-        Defect::RollingElement => {
-            slip += random.random_range(-0.01..0.01);
-            random.random_range(0.3..1.0)
-        }
-    };
-    let uneven = random.random_range(0.002..0.02);
-    let drifts = random.random_bool(0.5);
-    Strikes {
-        order: defect.order(orders) * (1.0 + slip),
-        jitter: if drifts { 0.0 } else { uneven },
-        drift: if drifts { uneven } else { 0.0 },
-        scatter: random.random_range(0.1..0.4),
-        modulation: (defect.load_order(orders), depth),
-    }
-}
-
 /// Strikes with exponential waits of this many samples in the mean.
 fn at_random(wait: f64, n: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
     // Of one chance a sample each wait is geometric: exponential but for parts of a sample.
@@ -128,14 +100,11 @@ fn at_random(wait: f64, n: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
 /// A recording of a sound machine.
 struct Sound {
     machine: Arc<Machine>,
-    rate_hz: f64,
-    /// As the recording states it.
-    stated: Option<Hz>,
     /// As the diagnosis finds it.
     speed_hz: f64,
     /// Of the first bearing.
     orders: FaultOrders,
-    channels: Vec<(String, Vec<f64>)>,
+    recording: Recording,
 }
 
 impl Sound {
@@ -144,46 +113,24 @@ impl Sound {
         let text = fs::read_to_string(machine_file).unwrap();
         let machine = Arc::new(file::parse(&text, dataset).unwrap());
         let found = diagnosed(&data.join(file), &machine);
-        let mut reader = CaptureReader::open(&data.join(file), None, &Hints::default()).unwrap();
-        let info = reader.info().clone();
-        let named = info.channels.iter().map(|c| (c.info.name.to_string(), Vec::new()));
-        let mut channels: Vec<(String, Vec<f64>)> = named.collect();
-        while let Some(block) = reader.next_block().unwrap() {
-            channels[block.channel.0].1.extend(block.samples.iter().map(|v| f64::from(*v)));
-        }
         Self {
-            rate_hz: info.channels[0].info.sample_rate.0,
-            stated: info.shaft_speed,
             speed_hz: found.shaft_speed.unwrap().0,
             orders: machine.bearings[0].fault_orders().unwrap(),
             machine,
-            channels,
+            recording: Recording::read(&data.join(file)),
         }
     }
 
-    /// Writes it with these strikes in it: in full in the first channel, less in others.
-    fn write_with(&self, strikes: &[f64], level_db: f64, to: &Path, random: &mut Pcg64Mcg) {
-        let header = CaptureHeader { start_time: None, machine: None, shaft_speed: self.stated };
-        let mut writer = CaptureWriter::create(to, &header).unwrap();
-        for (at, (name, sound)) in self.channels.iter().enumerate() {
-            let n = sound.len() as f64;
-            let mean = sound.iter().sum::<f64>() / n;
-            let rms = (sound.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+    /// It with these strikes: in full in the first channel, less in others.
+    fn with(&self, strikes: &[f64], level_db: f64, random: &mut Pcg64Mcg) -> Recording {
+        let mut struck = self.recording.clone();
+        for (at, (_, sound)) in struck.channels.iter_mut().enumerate() {
+            let rms = rms(sound);
             let part = if at == 0 { 1.0 } else { random.random_range(0.2..0.8) };
-            let mut struck = sound.clone();
-            let heard = drawn::path(self.rate_hz, random).hear(strikes);
-            vibration::add_scaled(&mut struck, &heard, rms * part * 10f64.powf(level_db / 20.0));
-            // The machine file has the units.
-            let header = ChannelHeader {
-                name: name.clone(),
-                sample_rate: Hz(self.rate_hz),
-                unit: None,
-                sensor: None,
-                storage: ChannelStorage::Contiguous,
-            };
-            writer.channel(&header, ChannelSamples::F64(&struck)).unwrap();
+            let heard = drawn::path(self.recording.rate_hz, random).hear(strikes);
+            vibration::add_scaled(sound, &heard, rms * part * 10f64.powf(level_db / 20.0));
         }
-        writer.finish().unwrap();
+        struck
     }
 }
 
@@ -244,7 +191,7 @@ fn defects_added_to_sound_machines_are_named_rightly_or_not_at_all() {
             let strikes = added.strikes(&sound, &mut random);
             let level_db = random.random_range(low_db..high_db);
             let capture = folder.path().join("added.h5");
-            sound.write_with(&strikes, level_db, &capture, &mut random);
+            sound.with(&strikes, level_db, &mut random).write(&capture);
             let diagnosis = diagnosed(&capture, &sound.machine);
             fs::remove_file(&capture).unwrap();
             let is_clear = low_db >= 0.0;

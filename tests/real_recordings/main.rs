@@ -7,6 +7,8 @@
 #![expect(clippy::print_stdout, reason = "a verdict table is what people want to see")]
 
 mod added;
+mod recording;
+mod varied;
 
 use rand::RngExt;
 use rand::SeedableRng;

@@ -18,6 +18,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
+use crate::machine::bearing::FaultOrders;
 use crate::machine::file::MachineFileErrors;
 use crate::pipeline::SpeedHints;
 use crate::units::Unit;
@@ -117,6 +118,25 @@ fn strikes(plant: &Plant, defect: Defect, random: &mut Pcg64Mcg) -> Vec<f64> {
     let Some(orders) = plant.fault_orders() else {
         return Vec::new();
     };
+    let strikes = rhythm(defect, &orders, random);
+    let mut struck = strikes.make(&plant.turn, plant.turned.len(), plant.rate.0, random);
+    if random.random_bool(STRIKES_TWICE) {
+        let part = random.random_range(LEAVES_AFTER.0..LEAVES_AFTER.1);
+        let strength =
+            random.random_range(0.4..1.0) * if random.random_bool(0.5) { 1.0 } else { -1.0 };
+        let later = crate::dsp::real::floor_index(
+            part * plant.rate.0 / (strikes.order * plant.mean_speed().0),
+        );
+        for at in (later..struck.len()).rev() {
+            struck[at] += strength * struck[at - later];
+        }
+    }
+    struck
+}
+
+/// Strikes of a defect of a bearing whose elements slip, and do so unevenly (T3, T8).
+#[must_use]
+pub fn rhythm(defect: Defect, orders: &FaultOrders, random: &mut Pcg64Mcg) -> Strikes {
     let mut slip = random.random_range(SLIP.0..SLIP.1);
     let depth = match defect {
         Defect::InnerRace => random.random_range(0.4..1.0),
@@ -132,28 +152,16 @@ fn strikes(plant: &Plant, defect: Defect, random: &mut Pcg64Mcg) -> Vec<f64> {
             random.random_range(0.3..1.0)
         }
     };
-    let order = defect.order(&orders) * (1.0 + slip);
+    let order = defect.order(orders) * (1.0 + slip);
     let unevenness = random.random_range(0.002..0.02);
     let drifts = random.random_bool(0.5);
-    let strikes = Strikes {
+    Strikes {
         order,
         jitter: if drifts { 0.0 } else { unevenness },
         drift: if drifts { unevenness } else { 0.0 },
         scatter: random.random_range(0.1..0.4),
-        modulation: (defect.load_order(&orders), depth),
-    };
-    let mut struck = strikes.make(&plant.turn, plant.turned.len(), plant.rate.0, random);
-    if random.random_bool(STRIKES_TWICE) {
-        let part = random.random_range(LEAVES_AFTER.0..LEAVES_AFTER.1);
-        let strength =
-            random.random_range(0.4..1.0) * if random.random_bool(0.5) { 1.0 } else { -1.0 };
-        let later =
-            crate::dsp::real::floor_index(part * plant.rate.0 / (order * plant.mean_speed().0));
-        for at in (later..struck.len()).rev() {
-            struck[at] += strength * struck[at - later];
-        }
+        modulation: (defect.load_order(orders), depth),
     }
-    struck
 }
 
 /// What the nearest and the other sensors hear of a source, the nearest being the first.
