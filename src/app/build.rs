@@ -2,8 +2,9 @@
 
 use super::Clock;
 use super::baselines;
-use super::captures;
 use super::captures::CapturesPlan;
+use super::fitted;
+use super::fitted::Fitted;
 use super::http::MetricsText;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
@@ -47,7 +48,6 @@ use crate::ingest::simulated;
 use crate::notify::HealthWatch;
 use crate::pipeline::Monitor;
 use crate::pipeline::Settings;
-use crate::pipeline::SpeedHints;
 use crate::signal::Timestamp;
 use crate::store::Archive;
 use crate::store::StreamKey;
@@ -133,8 +133,10 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
     let needed_bytes = check_memory(config, &streams, n_shards)?;
     let room = Arc::new(live::Room::new(config.memory_limit_bytes - needed_bytes));
     let metrics = Arc::new(Metrics::new());
-    let infos: Vec<_> =
-        streams.iter().filter_map(|stream| Some(&stream.as_ref().ok()?.info)).collect();
+    let infos = config.machines.iter().zip(&streams);
+    let infos: Vec<_> = infos
+        .filter_map(|(entry, stream)| Some((&*entry.machine, &stream.as_ref().ok()?.info)))
+        .collect();
     let stores = Stores::open(config, &infos, &metrics)?;
     let mut shards: Vec<ShardPlan> = (0..n_shards)
         .map(|_| ShardPlan {
@@ -394,9 +396,8 @@ fn monitor(
             });
         }
     };
-    let hints = SpeedHints { option: None, capture: info.shaft_speed };
-    let (baseline, load) = (baselines::named(entry)?, info.load);
-    let settings = Settings { baseline, load, ..config.monitor.clone() };
+    let (hints, fitted) = (fitted::hints(&info), Fitted::of(config, machine, &info));
+    let settings = Settings { baseline: baselines::named(entry)?, ..fitted.settings };
     let mut monitor = Monitor::new(Arc::clone(machine), info.channels, hints, &settings)
         .map_err(|source| StartError::Monitor { machine: machine.id.clone(), source })?;
     monitor.use_signed(active_records(&*stores.baselines.store, &machine.id)?);
@@ -433,12 +434,6 @@ fn load(stream: &Result<Stream, String>) -> f64 {
     channels.iter().map(|channel| channel.sample_rate.0).sum()
 }
 
-/// Bytes that the rings of a stream and what is held for captures need.
-pub(super) fn stream_bytes(config: &Config, info: &StreamInfo) -> u64 {
-    let rings = Monitor::ring_bytes(&info.channels, &config.monitor);
-    rings.saturating_add(captures::memory_bytes(config, &info.received)) as u64
-}
-
 /// Refuses to start when rings and queues would need more than the limit; gives what they need.
 fn check_memory(
     config: &Config,
@@ -448,7 +443,8 @@ fn check_memory(
     let queues = (n_shards * QUEUE_BYTES) as u64;
     let needs = config.machines.iter().zip(streams).filter_map(|(entry, stream)| {
         let info = &stream.as_ref().ok()?.info;
-        Some((stream_bytes(config, info), &entry.machine.id))
+        let fitted = Fitted::of(config, &entry.machine, info);
+        Some((fitted.memory_bytes(info), &entry.machine.id))
     });
     let needs: Vec<_> = needs.collect();
     let Some((most, id)) = needs.iter().max() else {

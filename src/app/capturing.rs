@@ -75,7 +75,7 @@ impl Capturing {
     /// have their windows already.
     pub(super) fn renew(&mut self, text: &str, settings: &Settings, configuration: &str) {
         self.header.machine = Some(text.to_owned());
-        let settings = Settings { load: self.judged.settings.load, ..settings.clone() };
+        let settings = self.judged.settings.renewed(settings);
         self.judged = Arc::new(Judged { settings, ..Judged::clone(&self.judged) });
         configuration.clone_into(&mut self.configuration);
     }

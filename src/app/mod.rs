@@ -43,6 +43,7 @@ mod supervisor;
 pub mod http;
 pub mod start_error;
 mod stores;
+mod fitted;
 mod threads;
 pub mod build;
 pub mod daemon;

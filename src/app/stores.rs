@@ -6,6 +6,8 @@ use super::captures;
 use super::captures::Capturer;
 use super::captures::Captures;
 use super::capturing::Capturing;
+use super::fitted;
+use super::fitted::Fitted;
 use super::keeper::Keeper;
 use super::keeper::KeeperPlan;
 use super::notify;
@@ -28,8 +30,7 @@ use crate::config::Config;
 use crate::config::MachineConfig;
 use crate::evidence::kept::Judged;
 use crate::ingest::replay::StreamInfo;
-use crate::pipeline::Settings;
-use crate::pipeline::SpeedHints;
+use crate::machine::Machine;
 use crate::store::ConfigurationEntry;
 use crate::store::StateStore;
 use crate::store::feedback::SqliteFeedback;
@@ -61,7 +62,7 @@ impl Stores {
     /// When one cannot be used or is too small.
     pub(super) fn open(
         config: &Config,
-        streams: &[&StreamInfo],
+        streams: &[(&Machine, &StreamInfo)],
         metrics: &Arc<Metrics>,
     ) -> Result<Self, StartError> {
         let (keeper, keeping) = open_keeper(config, metrics)?;
@@ -70,10 +71,13 @@ impl Stores {
         let feedback = FeedbackHandle { store: feedback, wall_clock: super::wall_clock };
         let (events, notify) = notify::plan(config, &keeper, metrics)?;
         let recordings = recording::open_store(config);
-        let n_channels = streams.iter().map(|stream| stream.channels.len()).sum();
+        let n_channels = streams.iter().map(|(_, info)| info.channels.len()).sum();
         let (trend_keeper, mut trending, trends) =
             trending::open(config, n_channels, metrics, recordings.clone())?;
-        let waiting = streams.iter().map(|info| captures::waiting_bytes(config, &info.received));
+        let waiting = streams.iter().map(|(machine, info)| {
+            let settings = Fitted::of(config, machine, info).captures;
+            captures::waiting_bytes(settings, &info.received)
+        });
         let (troubles, give_way) = (keeper.troubles.clone(), Arc::<CapturesGiveWay>::default());
         trending.room = Some(Room {
             root: config.store.directory.clone(),
@@ -127,12 +131,13 @@ pub(super) fn capturing(
         machine: Some(entry.text.0.to_string()),
         shaft_speed: info.shaft_speed,
     };
+    let Fitted { settings, captures } = Fitted::of(config, &entry.machine, info);
     let judged = Judged {
         received: info.received.clone(),
         channels: info.channels.clone(),
-        hints: SpeedHints { option: None, capture: info.shaft_speed },
-        settings: Settings { load: info.load, ..config.monitor.clone() },
+        hints: fitted::hints(info),
+        settings,
     };
     let by = (judged, configuration_hash(config));
-    Some(Capturing::new(&entry.machine.id, config.captures?, capturer, header, by))
+    Some(Capturing::new(&entry.machine.id, captures?, capturer, header, by))
 }

@@ -86,6 +86,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
         recording,
         captures,
         monitor,
+        lengthen_windows,
         notify,
         log,
         machines,
@@ -101,6 +102,7 @@ pub fn between(old: &Config, mut new: Config) -> Change {
     of_recording(&mut notes, old.recording.as_ref(), recording);
     of_captures(&mut notes, old.captures.as_ref(), captures);
     of_monitor(&mut notes, &old.monitor, monitor);
+    notes.fixed("pipeline.lengthen_windows", &old.lengthen_windows, lengthen_windows);
     of_receivers(&mut notes, &old.notify, notify);
     notes.live("log.level", &old.log, log);
     let is_judged_otherwise = old.monitor != *monitor;

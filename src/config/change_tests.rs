@@ -120,7 +120,7 @@ type Step = (&'static str, fn(&mut Config));
 
 #[test]
 fn what_needs_a_restart_says_so_and_stays_as_it_was() {
-    let steps: [Step; 22] = [
+    let steps: [Step; 23] = [
         ("server.bind", |c| c.bind.set_port(9)),
         ("ingest.bind", |c| c.ingest.bind.set_port(9)),
         ("server.token_file", |c| c.access.tokens = Some(tokens("a"))),
@@ -146,6 +146,7 @@ fn what_needs_a_restart_says_so_and_stays_as_it_was() {
         ("pipeline.window_seconds", |c| c.monitor.window_s = 9.0),
         ("pipeline.hop_seconds", |c| c.monitor.hop_s = 9.0),
         ("pipeline.ring_seconds", |c| c.monitor.ring_s = 99.0),
+        ("pipeline.lengthen_windows", |c| c.lengthen_windows = false),
         ("the source of machine \"rig\"", |c| {
             c.machines[0].source = SourceConfig::Live(Live::default())
         }),

@@ -83,6 +83,7 @@ pub const KEYS: &[Key] = &[
     key("pipeline", "memory_limit_bytes", Kind::Whole(1_000_000, MAX_BYTES)),
     key("pipeline", "window_seconds", Kind::Number(1.0, 600.0)),
     key("pipeline", "hop_seconds", Kind::Number(0.5, 600.0)),
+    key("pipeline", "lengthen_windows", Kind::Flag),
     key("diagnosis", "false_alarms_per_component_year", Kind::Number(1e-6, 1e6)),
     key("alarms", "on_delay_s", Kind::Number(0.0, 86_400.0)),
     key("alarms", "off_delay_s", Kind::Number(0.0, 86_400.0)),

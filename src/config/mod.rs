@@ -71,6 +71,8 @@ pub struct Config {
     pub captures: Option<Captures>,
     /// How windows are laid and alarms raised.
     pub monitor: pipeline::Settings,
+    /// Whether windows are longer for machines that turn slowly ([`pipeline::windows::lengthened`]).
+    pub lengthen_windows: bool,
     /// Who is told of alarms.
     pub notify: receivers::Settings,
     /// The least that is logged.
@@ -141,6 +143,18 @@ pub struct Captures {
     pub max_bytes: u64,
 }
 
+/// Longest stretch of the past that is held for captures without being asked for, s.
+const MAX_SECONDS_BEFORE: f64 = 600.0;
+
+impl Captures {
+    /// The same, with every window of `monitor` that raises an alarm, as far as ten minutes hold them.
+    #[must_use]
+    pub fn holding(self, monitor: &pipeline::Settings) -> Self {
+        let needed_s = monitor.window_s + monitor.hop_s + monitor.alarms.on_delay_s;
+        Self { before_s: self.before_s.max(needed_s.min(MAX_SECONDS_BEFORE)), ..self }
+    }
+}
+
 /// What is kept of the raw data of an alarm unless the configuration says otherwise.
 pub const CAPTURES: Captures =
     Captures { before_s: 30.0, after_s: 10.0, most_per_hour: 12, max_bytes: 2_000_000_000 };
@@ -187,6 +201,7 @@ impl Default for Config {
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
+            lengthen_windows: true,
             notify: receivers::Settings::default(),
             log: LogLevel::default(),
             machines: Vec::new(),

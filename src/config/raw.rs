@@ -121,6 +121,7 @@ pub(super) struct Pipeline {
     pub(super) memory_limit_bytes: Option<u64>,
     pub(super) window_seconds: Option<f64>,
     pub(super) hop_seconds: Option<f64>,
+    pub(super) lengthen_windows: Option<bool>,
 }
 
 /// `[diagnosis]`

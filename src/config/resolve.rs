@@ -36,9 +36,6 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::path::PathBuf;
 
-/// Longest stretch of the past that is held for captures without being asked for, s.
-const MAX_SECONDS_BEFORE: f64 = 600.0;
-
 /// Keys of a source that only one kind of it has.
 const OF_REPLAY: &[&str] = &["file", "loop", "unit"];
 const OF_SIMULATED: &[&str] = &["scene", "scenario", "seed"];
@@ -82,6 +79,7 @@ pub(super) fn config(
             monitor.clone(),
             raw.diagnosis.false_alarms_per_component_year.unwrap_or(rate::A_COMPONENT_YEAR),
         ),
+        lengthen_windows: raw.pipeline.lengthen_windows.unwrap_or(default.lengthen_windows),
         notify,
         log: resolver.log_level(raw.log.level),
         machines,
@@ -183,10 +181,8 @@ impl Resolver<'_> {
         monitor: &pipeline::Settings,
         max_bytes: u64,
     ) -> Option<Captures> {
-        let needed_s = monitor.window_s + monitor.hop_s + monitor.alarms.on_delay_s;
-        let before_s = CAPTURES.before_s.max(needed_s.min(MAX_SECONDS_BEFORE));
         let captures = Captures {
-            before_s: raw.seconds_before.unwrap_or(before_s),
+            before_s: raw.seconds_before.unwrap_or(CAPTURES.holding(monitor).before_s),
             after_s: raw.seconds_after.unwrap_or(CAPTURES.after_s),
             most_per_hour: raw.most_per_hour.unwrap_or(CAPTURES.most_per_hour),
             max_bytes: raw.max_bytes.unwrap_or(CAPTURES.max_bytes.min(max_bytes / 4)),

@@ -41,6 +41,12 @@ impl FalseAlarms {
         Self { per_decision, a_year: Some(a_year) }
     }
 
+    /// The same rate a component and year where windows lie otherwise; of a record that is judged by itself as it is.
+    #[must_use]
+    pub fn in_windows(self, windows_s: (f64, f64), on_delay_s: f64) -> Self {
+        self.a_year.map_or(self, |a_year| Self::a_year(a_year, windows_s, on_delay_s))
+    }
+
     /// What the reader of a verdict should know of it; `None`: nothing beyond what is counted.
     #[must_use]
     pub fn note(&self) -> Option<String> {

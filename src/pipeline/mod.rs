@@ -5,6 +5,7 @@
 
 mod copied;
 mod renewal;
+mod settings;
 mod trail;
 pub mod windows;
 
@@ -19,7 +20,6 @@ use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::drift;
-use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
 use crate::diagnosis::verdict::Diagnosis;
@@ -37,49 +37,12 @@ use crate::signal::SampleIndex;
 use crate::units::Hz;
 use copied::Copied;
 pub use renewal::Renewal;
+pub use settings::Settings;
+use settings::fitting;
 use std::sync::Arc;
 use trail::Trail;
 pub use trail::{Carried, Passed, Run};
 use windows::WindowGrid;
-
-/// Fewest samples of the fastest channel in a window.
-const MIN_WINDOW_SAMPLES: f64 = 64.0;
-
-/// How windows are laid and what they are held against.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
-    /// Longest analysis window, s.
-    pub window_s: f64,
-    /// Distance of window ends, s; windows lie on the grid of this distance in stream time.
-    pub hop_s: f64,
-    /// History kept a channel, s; at least a window and a hop are kept.
-    pub ring_s: f64,
-    /// Healthy reference records.
-    pub baseline: Baseline,
-    /// Make a provisional baseline of the first so many segments, when there is no other.
-    pub provisional_segments: Option<u32>,
-    /// Alarm policy.
-    pub alarms: crate::alarms::Settings,
-    /// Load that the data state, in the unit of the load sensor; one that a sensor measures goes before.
-    pub load: Option<f64>,
-    /// How many false alarms are allowed.
-    pub false_alarms: FalseAlarms,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            window_s: 10.0,
-            hop_s: 5.0,
-            ring_s: 30.0,
-            baseline: Baseline::default(),
-            provisional_segments: None,
-            alarms: crate::alarms::Settings::default(),
-            load: None,
-            false_alarms: FalseAlarms::default(),
-        }
-    }
-}
 
 /// What one completed window yields.
 #[derive(Debug, Clone)]
@@ -457,17 +420,6 @@ impl Monitor {
             diagnosis.baselines.clear();
         }
     }
-}
-
-/// Settings with windows never shorter than a few samples of the fastest channel (a capture may
-/// declare any rate), and a history of a window and a hop at least.
-fn fitting(channels: &[ChannelInfo], settings: &Settings) -> Settings {
-    let fastest = channels.iter().map(|c| c.sample_rate.0).fold(0.0, f64::max);
-    let shortest_s = MIN_WINDOW_SAMPLES / fastest.max(f64::MIN_POSITIVE);
-    let window_s = settings.window_s.max(shortest_s);
-    let hop_s = settings.hop_s.max(shortest_s);
-    let ring_s = settings.ring_s.max(window_s + hop_s);
-    Settings { window_s, hop_s, ring_s, ..settings.clone() }
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use super::Monitor;
 use super::Settings;
-use super::fitting;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Moment;
 use crate::diagnosis::drift;
@@ -30,10 +29,7 @@ impl Monitor {
         renewal: Renewal,
         now: Moment,
     ) -> Vec<AlarmEvent> {
-        let Settings { load, provisional_segments, window_s, hop_s, ring_s, .. } = self.settings;
-        let kept =
-            Settings { load, provisional_segments, window_s, hop_s, ring_s, ..settings.clone() };
-        self.settings = fitting(&self.channels, &kept);
+        self.settings = self.settings.renewed(settings);
         self.machine = Arc::clone(machine);
         self.extractor.describe(Arc::clone(machine));
         let alarms = self.settings.alarms.clone();

@@ -1,8 +1,10 @@
-//! Where windows lie: a grid of hops from the start of each contiguous run of stream time.
+//! Where windows lie: how long they are for a machine, and a grid of hops from the start of each contiguous run of stream time.
 
+use super::Settings;
 use crate::features::speed;
 use crate::features::speed::SpeedHints;
 use crate::machine::Machine;
+use crate::signal::ChannelInfo;
 
 /// Longest window of a record of a machine at usual speeds, s: one of 10 s is one window.
 const USUAL_S: f64 = 12.0;
@@ -13,6 +15,9 @@ const REVOLUTIONS: f64 = 120.0;
 
 /// No window is longer, s: the limit of `window_seconds` in the daemon's file.
 const LONGEST_S: f64 = 600.0;
+
+/// Samples of a channel in a window of the daemon that is lengthened, at most.
+const MOST_SAMPLES: f64 = 4_194_304.0;
 
 /// Longest window of a record of `machine`, s: long enough for the slowest shaft with a bearing, as far as its speed is stated.
 #[must_use]
@@ -25,6 +30,25 @@ pub fn longest_s(machine: &Machine, hints: SpeedHints) -> f64 {
     let slowest_hz = stated.into_iter().flat_map(|(first, _)| speed_hz(first));
     let needed_s = slowest_hz.filter(|hz| *hz > 0.0).map(|hz| REVOLUTIONS / hz);
     needed_s.fold(USUAL_S, f64::max).min(LONGEST_S)
+}
+
+/// `settings` with windows as long as the slowest shaft with a bearing needs where that turns at less than 10 Hz, as far as its speed
+/// is stated ([`longest_s`]), and hops in proportion; never shorter ones.
+///
+/// No window has more than 4 million samples of a channel: what is held in memory, and what a window costs, has an end.
+#[must_use]
+pub fn lengthened(
+    settings: &Settings,
+    (machine, hints): (&Machine, SpeedHints),
+    channels: &[ChannelInfo],
+) -> Settings {
+    let needed_s = longest_s(machine, hints);
+    let fastest_hz = channels.iter().map(|c| c.sample_rate.0).fold(f64::MIN_POSITIVE, f64::max);
+    let window_s = needed_s.min(MOST_SAMPLES / fastest_hz);
+    if needed_s <= USUAL_S || window_s <= settings.window_s {
+        return settings.clone();
+    }
+    settings.in_windows(window_s, settings.hop_s * window_s / settings.window_s)
 }
 
 /// Length of the fewest equal windows that lie end to end in a record and are no longer than `longest_s`, s.
@@ -94,6 +118,9 @@ impl WindowGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnosis::rate::FalseAlarms;
+    use crate::units::Hz;
+    use crate::units::Unit;
 
     fn longest(toml: &str, hints: SpeedHints) -> f64 {
         longest_s(&crate::machine::file::parse(toml, "m").unwrap(), hints)
@@ -116,6 +143,39 @@ mod tests {
         is(longest(&on("slow"), creeping), 600.0);
         let unstated = on("fast").replace("speed_hz = 20.0\n", "");
         is(longest(&unstated, unsaid), 12.0);
+    }
+
+    #[test]
+    fn slow_machines_get_longer_windows_of_as_many_false_alarms_a_year() {
+        let a_year =
+            |windows_s| FalseAlarms::a_year(0.1, windows_s, Settings::default().alarms.on_delay_s);
+        let settings = Settings { false_alarms: a_year((10.0, 5.0)), ..Settings::default() };
+        let fitted = |speed_hz: f64, sample_rate: f64| {
+            let machine = format!(
+                "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\nspeed_hz = {speed_hz:?}\n[[bearing]]\nid = 'b'\nshaft = 's'\n\
+                 elements = 9\nelement_diameter_mm = 8.0\npitch_diameter_mm = 40.0\n"
+            );
+            let machine = crate::machine::file::parse(&machine, "m").unwrap();
+            let channel = ChannelInfo {
+                name: "a".to_owned(),
+                sample_rate: Hz(sample_rate),
+                unit: Unit::MetrePerSecondSquared,
+                full_scale: None,
+                offset: 0.0,
+                unit_conflict: None,
+            };
+            lengthened(&settings, (&machine, SpeedHints::default()), &[channel])
+        };
+        assert_eq!(fitted(10.0, 1e4), settings);
+        let slow = fitted(2.0, 1e4);
+        let (window_s, hop_s, ring_s) = (slow.window_s, slow.hop_s, slow.ring_s);
+        let is = |found: f64, wanted: f64| assert!((found - wanted).abs() < 1e-9, "{found}");
+        is(window_s, 60.0);
+        is(hop_s, 30.0);
+        is(ring_s, 90.0);
+        assert_eq!(slow.false_alarms, a_year((window_s, hop_s)));
+        // 4,194,304 samples.
+        is(fitted(0.2, 51_200.0).window_s, 81.92);
     }
 
     #[test]

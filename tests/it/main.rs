@@ -18,6 +18,7 @@ mod live;
 mod startup;
 mod shutdown;
 mod damaged_bearing;
+mod slow;
 mod gaps;
 mod hook;
 mod mqtt;

@@ -12,6 +12,7 @@ use crate::capture::recording::store::Store;
 use crate::capture::recording::store::StoreEvent;
 use crate::capture::writer::CaptureHeader;
 use crate::causes::with_causes;
+use crate::config;
 use crate::config::Config;
 use crate::evidence::kept::Judged;
 use crate::pipeline::Passed;
@@ -162,16 +163,20 @@ pub(super) struct Captures {
 }
 
 /// Bytes that captures of a stream need in memory: what is held, and what waits for the disk.
-pub(super) fn memory_bytes(config: &Config, channels: &[ReceivedChannel]) -> usize {
-    let held = config.captures.map_or(0, |captures| Held::bytes(channels, captures.before_s));
-    held.saturating_add(waiting_bytes(config, channels))
+pub(super) fn memory_bytes(
+    settings: Option<config::Captures>,
+    channels: &[ReceivedChannel],
+) -> usize {
+    let held = settings.map_or(0, |captures| Held::bytes(channels, captures.before_s));
+    held.saturating_add(waiting_bytes(settings, channels))
 }
 
 /// Bytes of a capture of a stream, which may wait for the disk as a whole.
-pub(super) fn waiting_bytes(config: &Config, channels: &[ReceivedChannel]) -> usize {
-    config
-        .captures
-        .map_or(0, |captures| Held::bytes(channels, captures.before_s + captures.after_s))
+pub(super) fn waiting_bytes(
+    settings: Option<config::Captures>,
+    channels: &[ReceivedChannel],
+) -> usize {
+    settings.map_or(0, |captures| Held::bytes(channels, captures.before_s + captures.after_s))
 }
 
 /// Opens the folder and the index, recovers what was left open and brings both together; `None` if captures are

@@ -8,6 +8,8 @@ use crate::alarms::Moment;
 use crate::app::captures;
 use crate::app::captures::Capturer;
 use crate::app::capturing::Capturing;
+use crate::app::fitted;
+use crate::app::fitted::Fitted;
 use crate::app::stores;
 use crate::app::trending::TrendKeeper;
 use crate::app::trending::Trending;
@@ -19,7 +21,6 @@ use crate::ingest::replay::StreamInfo;
 use crate::pipeline::Monitor;
 use crate::pipeline::Renewal;
 use crate::pipeline::Settings;
-use crate::pipeline::SpeedHints;
 use crate::store::BaselineStore;
 use crate::store::StreamKey;
 use crate::store::active_records;
@@ -85,9 +86,8 @@ impl Opener {
         now: Moment,
     ) -> Result<Fresh, String> {
         let (config, entry) = (&self.config, &self.entry);
-        let hints = SpeedHints { option: None, capture: info.shaft_speed };
-        let baseline = self.baseline.clone();
-        let settings = Settings { baseline, load: info.load, ..config.monitor.clone() };
+        let (hints, fitted) = (fitted::hints(info), Fitted::of(config, &entry.machine, info));
+        let settings = Settings { baseline: self.baseline.clone(), ..fitted.settings };
         let machine = Arc::clone(&entry.machine);
         let mut monitor = Monitor::new(machine, info.channels.clone(), hints, &settings)
             .map_err(|error| with_causes(&error))?;
@@ -111,7 +111,7 @@ impl Opener {
         };
         let alarm_events = monitor.alarms_mut().restore(kept, now);
         if let Some(capturer) = &self.capturer {
-            let needed = captures::waiting_bytes(config, &info.received);
+            let needed = captures::waiting_bytes(fitted.captures, &info.received);
             capturer.allow_more(needed.saturating_sub(self.waiting_bytes));
             self.waiting_bytes = self.waiting_bytes.max(needed);
         }

@@ -104,7 +104,8 @@ fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
         ..Config::default()
     };
     let metrics = Arc::new(Metrics::new());
-    let mut stores = Stores::open(&config, &[&super::unknown_stream()], &metrics).unwrap();
+    let mut stores =
+        Stores::open(&config, &[(&entry.machine, &super::unknown_stream())], &metrics).unwrap();
     stores.baselines.store = baselines.unwrap_or(stores.baselines.store);
     let room = Arc::new(Room::new(config.memory_limit_bytes));
     let link = Link::new(Arc::new(ShardQueue::new(1 << 20, 4)), 0);

@@ -3,7 +3,7 @@
 use super::Room;
 use crate::api::handles::IngestView;
 use crate::api::view::SourceState;
-use crate::app::build;
+use crate::app::fitted::Fitted;
 use crate::app::link::Input;
 use crate::app::link::Link;
 use crate::app::queue::Closed;
@@ -153,7 +153,8 @@ impl Port {
             return Ok(None);
         }
         let mut room = |info: &StreamInfo| {
-            let bytes = build::stream_bytes(&self.plan.config, info);
+            let machine = &self.plan.entry.machine;
+            let bytes = Fitted::of(&self.plan.config, machine, info).memory_bytes(info);
             self.plan.room.take(self.machine(), bytes)
         };
         let admitted = state.intake.hello(session, (peer, arrived), hello, &mut room);

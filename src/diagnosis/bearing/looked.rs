@@ -66,8 +66,8 @@ fn unreadable(search: &LineSearch) -> Option<String> {
             needed.0, usable.0
         ),
         Unreadable::TooShort { needed_s } => format!(
-            "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics; record longer, or raise \
-             window_seconds of the daemon"
+            "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics; record longer, or set \
+             lengthen_windows, or a larger window_seconds, of the daemon"
         ),
         Unreadable::GeometryUncertain { with, band } => format!(
             "geometry too uncertain: {line} is known to {:.1} % and may stand where {} does; \
