@@ -44,6 +44,8 @@ const TURN_S: f64 = 0.5;
 pub struct Measured {
     /// The machine.
     pub machine: Arc<Machine>,
+    /// Its machine file, as text.
+    pub machine_text: Arc<str>,
     /// The channels.
     pub channels: Vec<ChannelInfo>,
     /// Samples of each channel.

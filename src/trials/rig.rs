@@ -114,8 +114,8 @@ impl Rig {
         let failed = |why: String| RigError { name: name.clone(), why };
         let text = scene_text(setting).ok_or_else(|| failed("no built-in scene".to_owned()))?;
         let scene = Scene::parse(&text, SCENE).map_err(|e| failed(e.to_string()))?;
-        let machine = builtin::machine(MACHINE).unwrap_or_default();
-        let machine = file::parse(machine, MACHINE).map_err(|e| failed(e.to_string()))?;
+        let machine_text = builtin::machine(MACHINE).unwrap_or_default();
+        let machine = file::parse(machine_text, MACHINE).map_err(|e| failed(e.to_string()))?;
         let mut simulation =
             Simulation::new(&scene, setting.seed).map_err(|e| failed(e.to_string()))?;
         let (channels, scales): (Vec<_>, Vec<_>) = simulation
@@ -142,6 +142,7 @@ impl Rig {
         simulation.advance(n, &mut keep).map_err(|e| failed(e.to_string()))?;
         let measured = Measured {
             machine: Arc::new(machine),
+            machine_text: machine_text.into(),
             channels,
             samples,
             hints: SpeedHints::default(),

@@ -162,6 +162,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         is_visible: None,
         measured: Measured {
             machine,
+            machine_text: text.into(),
             channels,
             samples,
             hints: SpeedHints { option: None, capture: (!setting.has_tacho).then_some(written) },

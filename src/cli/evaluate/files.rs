@@ -58,7 +58,7 @@ const DOCUMENT: &str = "evaluation.json";
 const INDEX: &str = "index.html";
 
 /// Folder of the pages of records.
-const PAGES: &str = "records";
+pub(super) const PAGES: &str = "records";
 
 /// Characters of a capture's name that its page's name keeps at most.
 const NAME_MAX: usize = 80;
@@ -100,10 +100,14 @@ impl Folder {
         Ok(())
     }
 
-    /// Takes a trial, which has no page: it can be made again from its name.
-    pub(super) fn add_trial(&mut self, record: &Record) {
+    /// Takes a trial, which has a page if it was judged wrongly: others can be made again from their names.
+    pub(super) fn add_trial(&mut self, record: &Record, page: Option<String>) {
         self.rows.push(row(record, "", None));
-        self.list(record, None, None);
+        self.list(record, page, None);
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
     }
 
     fn list(&mut self, record: &Record, page: Option<String>, state: Option<State>) {
@@ -182,7 +186,7 @@ fn labelled(known: &Known) -> String {
 }
 
 /// A file's name without folders, with nothing in it that links or file systems mind.
-fn slug(file: &str) -> String {
+pub(super) fn slug(file: &str) -> String {
     let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
     let mut slug = String::new();
     for character in name.chars().take(NAME_MAX) {

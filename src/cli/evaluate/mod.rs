@@ -7,6 +7,7 @@
 mod files;
 mod grid;
 mod index;
+mod kept;
 mod table;
 mod text;
 
@@ -15,6 +16,7 @@ use super::output::Output;
 use super::output::OutputError;
 use super::terminal::Page;
 use crate::api::wire::evaluation::EvaluationDocument;
+use crate::capture::error::CaptureError;
 use crate::evaluation::summary::Record;
 use crate::evaluation::summary::Summary;
 use crate::evaluation::truth::TruthErrors;
@@ -87,7 +89,8 @@ pub struct Arguments {
     /// Folder of the machine files, one a data set; `machines` beside TRUTH.csv by default.
     #[arg(long, value_name = "DIR")]
     pub machines: Option<PathBuf>,
-    /// Folder for evaluation.json, verdicts.csv and a page on each record (index.html); made if it is not there.
+    /// Folder for evaluation.json, verdicts.csv and a page on each record, of the grid on those judged wrongly with the captures
+    /// themselves (index.html); made if it is not there.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// What is printed.
@@ -128,6 +131,8 @@ pub(super) enum EvaluateError {
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
     Output(#[from] OutputError),
+    #[error("a record that was judged wrongly cannot be kept")]
+    Keep(#[from] CaptureError),
     #[error("the page of a record cannot be made")]
     Page(#[from] Box<OfflineError>),
     #[error("the evaluation cannot be written as JSON")]
@@ -181,10 +186,15 @@ fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
         part: arguments.part,
     };
     let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
-    let records = grid::records(&plan, arguments.format == Format::Text);
+    let mut kept = folder.as_ref().map(|folder| kept::Kept::new(folder.path()));
+    let mut keep = |record: &Record, wrong: &grid::Wrong| {
+        kept.as_mut().map_or(Ok(None), |kept| kept.take(record, wrong))
+    };
+    let records = grid::records(&plan, arguments.format == Format::Text, &mut keep)?;
     if let Some(folder) = &mut folder {
-        records.iter().for_each(|record| folder.add_trial(record));
+        records.iter().for_each(|(record, page)| folder.add_trial(record, page.clone()));
     }
+    let records: Vec<Record> = records.into_iter().map(|(record, _)| record).collect();
     tell(&records, &grid::name(&plan), arguments.format, folder)?;
     Ok(records)
 }

@@ -323,14 +323,17 @@ fn is_near_multiple(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 
 /// Whether sound elements that pass may make it: smooth, a tone's modulation, or in the healthy machine's absolute vibration as strongly.
 pub(super) fn is_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    is_smooth(line, seen) || is_of_tone(line, seen) || has_not_grown(line, seen)
+    is_smooth(line, seen) || is_known_passing(line, seen)
 }
 
 /// Whether it is what sound elements make: as [`is_passing`], but smooth only below the frequencies at which structures ring (C43).
 fn is_sound_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    is_smooth(line, seen) && is_below_ringing(line)
-        || is_of_tone(line, seen)
-        || has_not_grown(line, seen)
+    is_smooth(line, seen) && is_below_ringing(line) || is_known_passing(line, seen)
+}
+
+/// Whether it is a tone's modulation, or in the healthy machine's absolute vibration as strongly.
+fn is_known_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    is_of_tone(line, seen) || has_not_grown(line, seen)
 }
 
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this

@@ -106,6 +106,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         measured: Measured {
             hints: SpeedHints { option: None, capture: plant.written },
             machine: plant.machine,
+            machine_text: plant.machine_text,
             channels,
             samples,
         },

@@ -117,6 +117,8 @@ impl Told {
 pub struct Plant {
     /// The machine as its file has it.
     pub machine: Arc<Machine>,
+    /// That file's text.
+    pub machine_text: Arc<str>,
     /// Sampling rate.
     pub rate: Hz,
     /// How the shaft turns.
@@ -159,6 +161,7 @@ impl Plant {
         let written = mean_hz * (1.0 + random.random_range(-WRITTEN..WRITTEN));
         Ok(Self {
             machine: Arc::new(file::parse(&text, "drawn")?),
+            machine_text: text.into(),
             rate,
             turn,
             turned,

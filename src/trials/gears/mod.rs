@@ -249,6 +249,7 @@ struct Occasion {
 /// A pair with everything around it.
 struct Gearbox {
     machine: Arc<Machine>,
+    machine_text: Arc<str>,
     pair: Pair,
     path: Path,
     voice: Voice,
@@ -263,10 +264,11 @@ impl Gearbox {
     fn draw(setting: &Setting) -> Result<Self, String> {
         let mut random = Pcg64Mcg::seed_from_u64(setting.seed);
         let pair = Pair::draw(&mut random);
-        let machine = file::parse(&pair.machine_text(setting.has_tacho), "gearbox")
-            .map_err(|e| e.to_string())?;
+        let text = pair.machine_text(setting.has_tacho);
+        let machine = file::parse(&text, "gearbox").map_err(|e| e.to_string())?;
         Ok(Self {
             machine: Arc::new(machine),
+            machine_text: text.into(),
             pair,
             path: Path::draw(&mut random),
             voice: Voice::draw(setting.model, &mut random),
@@ -304,7 +306,8 @@ impl Gearbox {
         let mean_hz = occasion.turn.revolutions(duration_s) / duration_s;
         let written = Hz(mean_hz * (1.0 + random.random_range(-0.001..0.001)));
         let hints = SpeedHints { option: None, capture: (!self.has_tacho).then_some(written) };
-        Measured { machine: Arc::clone(&self.machine), channels, samples, hints }
+        let (machine, machine_text) = (Arc::clone(&self.machine), Arc::clone(&self.machine_text));
+        Measured { machine, machine_text, channels, samples, hints }
     }
 }
 
