@@ -11,6 +11,10 @@ use crate::units::Hz;
 /// Part of the bands with a line in which its side bands must stand.
 const A_QUARTER: f64 = 0.25;
 
+/// How far beyond the range in which a line is sought it is not excluded beside another of its bearing, relative: the range is what a search
+/// pays for (F5), not the most that elements slip.
+const BEYOND: f64 = 0.005;
+
 /// The searches of `search`'s channel that the line found at `frequency` may belong to; one if it can
 /// be decided.
 ///
@@ -23,11 +27,12 @@ pub(super) fn owners<'a>(
     frequency: Hz,
 ) -> Vec<&'a LineSearch> {
     let is_cage = |s: &LineSearch| s.line == DefectLine::Ftf;
+    let beyond = |s: &LineSearch| if s.bearing == search.bearing { BEYOND } else { 0.0 };
     let mut possible: Vec<&LineSearch> = features
         .bearing_lines
         .iter()
         .filter(|s| s.channel == search.channel && is_cage(s) == is_cage(search))
-        .filter(|s| std::ptr::eq(*s, search) || may_stand_at(s, frequency))
+        .filter(|s| std::ptr::eq(*s, search) || may_stand_at(s, frequency, beyond(s)))
         .collect();
     if possible.iter().any(|s| !reach::is_wide(s.band)) {
         possible.retain(|s| !reach::is_wide(s.band));
@@ -45,10 +50,10 @@ pub(super) fn owners<'a>(
     possible
 }
 
-/// Whether `frequency` lies in the searched range.
-fn may_stand_at(search: &LineSearch, frequency: Hz) -> bool {
+/// Whether `frequency` lies in the searched range, or no further `beyond` it than this part of the rate.
+fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> bool {
     let (low, high) = reach::searched_range(search.line, search.expected, search.band);
-    let margin = search.resolution.0;
+    let margin = search.resolution.0 + beyond * search.expected.0;
     (low.0 - margin..=high.0 + margin).contains(&frequency.0)
 }
 
