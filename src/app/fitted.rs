@@ -7,7 +7,6 @@ use crate::machine::Machine;
 use crate::pipeline::Monitor;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
-use crate::pipeline::windows;
 
 /// Settings and captures of one machine.
 #[derive(Debug, Clone)]
@@ -21,13 +20,9 @@ pub(super) struct Fitted {
 impl Fitted {
     /// Those of `machine` with this stream.
     pub(super) fn of(config: &Config, machine: &Machine, info: &StreamInfo) -> Self {
-        let stated = Settings { load: info.load, ..config.monitor.clone() };
-        if !config.lengthen_windows {
-            return Self { settings: stated, captures: config.captures };
-        }
-        let of = (machine, hints(info));
-        let settings = windows::lengthened(&stated, of, &info.channels);
-        let is_longer = settings.window_s > stated.window_s;
+        let monitor = config.monitor_of((machine, hints(info)), &info.channels);
+        let settings = Settings { load: info.load, ..monitor };
+        let is_longer = settings.window_s > config.monitor.window_s;
         let hold = |c: Captures| if is_longer { c.holding(&settings) } else { c };
         Self { captures: config.captures.map(hold), settings }
     }
@@ -80,7 +75,7 @@ mod tests {
 
     #[test]
     fn rings_and_captures_hold_the_windows_of_a_slow_machine() {
-        let config = Config::default();
+        let config = Config { lengthen_windows: true, ..Config::default() };
         let (usual, few) = fitted(&config, 30.0);
         assert_eq!(usual.settings, Settings { load: Some(3.0), ..config.monitor.clone() });
         assert_eq!(usual.captures, config.captures);

@@ -146,7 +146,7 @@ fn what_needs_a_restart_says_so_and_stays_as_it_was() {
         ("pipeline.window_seconds", |c| c.monitor.window_s = 9.0),
         ("pipeline.hop_seconds", |c| c.monitor.hop_s = 9.0),
         ("pipeline.ring_seconds", |c| c.monitor.ring_s = 99.0),
-        ("pipeline.lengthen_windows", |c| c.lengthen_windows = false),
+        ("pipeline.lengthen_windows", |c| c.lengthen_windows = true),
         ("the source of machine \"rig\"", |c| {
             c.machines[0].source = SourceConfig::Live(Live::default())
         }),

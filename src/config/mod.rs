@@ -37,6 +37,9 @@ use crate::ingest::simulated;
 use crate::machine::Machine;
 use crate::notify::settings as receivers;
 use crate::pipeline;
+use crate::pipeline::SpeedHints;
+use crate::pipeline::windows;
+use crate::signal::ChannelInfo;
 use crate::store::trends::Retention;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -109,6 +112,23 @@ impl Config {
     pub fn bytes_beside_captures(&self) -> u64 {
         let of_captures = self.captures.map_or(0, |captures| captures.max_bytes);
         self.store.max_bytes.saturating_sub(of_captures)
+    }
+}
+
+impl Config {
+    /// Settings of the monitor of a machine whose stream has these channels: with longer windows where it turns slowly, unless they
+    /// shall stay as stated.
+    #[must_use]
+    pub fn monitor_of(
+        &self,
+        (machine, hints): (&Machine, SpeedHints),
+        channels: &[ChannelInfo],
+    ) -> pipeline::Settings {
+        if self.lengthen_windows {
+            windows::lengthened(&self.monitor, (machine, hints), channels)
+        } else {
+            self.monitor.clone()
+        }
     }
 }
 
@@ -201,7 +221,7 @@ impl Default for Config {
             workers: 0,
             memory_limit_bytes: 2_000_000_000,
             monitor: held_to(pipeline::Settings::default(), rate::A_COMPONENT_YEAR),
-            lengthen_windows: true,
+            lengthen_windows: false,
             notify: receivers::Settings::default(),
             log: LogLevel::default(),
             machines: Vec::new(),

@@ -44,12 +44,19 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The same for windows of this length and distance, s: as many false alarms a year, and a ring that holds both.
+    /// The same for windows of this length and distance, s: alarms wait for as many of them, and as many false ones are allowed a year; a
+    /// ring that holds both.
     #[must_use]
     pub fn in_windows(&self, window_s: f64, hop_s: f64) -> Self {
         let ring_s = self.ring_s.max(window_s + hop_s);
-        let false_alarms = self.false_alarms.in_windows((window_s, hop_s), self.alarms.on_delay_s);
-        Self { window_s, hop_s, ring_s, false_alarms, ..self.clone() }
+        let longer = window_s / self.window_s;
+        let alarms = crate::alarms::Settings {
+            on_delay_s: longer * self.alarms.on_delay_s,
+            off_delay_s: longer * self.alarms.off_delay_s,
+            ..self.alarms.clone()
+        };
+        let false_alarms = self.false_alarms.in_windows((window_s, hop_s), alarms.on_delay_s);
+        Self { window_s, hop_s, ring_s, alarms, false_alarms, ..self.clone() }
     }
 
     /// `new` for a stream that goes on: its windows lie and its rings reach as before, and what is the stream's stays.

@@ -33,7 +33,7 @@ pub fn longest_s(machine: &Machine, hints: SpeedHints) -> f64 {
 }
 
 /// `settings` with windows as long as the slowest shaft with a bearing needs where that turns at less than 10 Hz, as far as its speed
-/// is stated ([`longest_s`]), and hops in proportion; never shorter ones.
+/// is stated ([`longest_s`]), and hops and the delays of alarms in proportion; never shorter ones.
 ///
 /// No window has more than 4 million samples of a channel: what is held in memory, and what a window costs, has an end.
 #[must_use]
@@ -147,9 +147,13 @@ mod tests {
 
     #[test]
     fn slow_machines_get_longer_windows_of_as_many_false_alarms_a_year() {
-        let a_year =
-            |windows_s| FalseAlarms::a_year(0.1, windows_s, Settings::default().alarms.on_delay_s);
-        let settings = Settings { false_alarms: a_year((10.0, 5.0)), ..Settings::default() };
+        let alarms = crate::alarms::Settings {
+            on_delay_s: 20.0,
+            off_delay_s: 30.0,
+            ..crate::alarms::Settings::default()
+        };
+        let false_alarms = FalseAlarms::a_year(0.1, (10.0, 5.0), 20.0);
+        let settings = Settings { alarms, false_alarms, ..Settings::default() };
         let fitted = |speed_hz: f64, sample_rate: f64| {
             let machine = format!(
                 "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\nspeed_hz = {speed_hz:?}\n[[bearing]]\nid = 'b'\nshaft = 's'\n\
@@ -173,7 +177,14 @@ mod tests {
         is(window_s, 60.0);
         is(hop_s, 30.0);
         is(ring_s, 90.0);
-        assert_eq!(slow.false_alarms, a_year((window_s, hop_s)));
+        is(slow.alarms.on_delay_s, 120.0);
+        is(slow.alarms.off_delay_s, 180.0);
+        assert_eq!(slow.false_alarms, FalseAlarms::a_year(0.1, (window_s, hop_s), 120.0));
+        // Another delay that comes while it runs is in proportion, too.
+        let alarms = crate::alarms::Settings { off_delay_s: 5.0, ..settings.alarms.clone() };
+        let renewed = slow.renewed(&Settings { alarms, ..settings.clone() });
+        is(renewed.alarms.off_delay_s, 30.0);
+        assert_eq!((renewed.window_s, renewed.false_alarms), (window_s, slow.false_alarms));
         // 4,194,304 samples.
         is(fitted(0.2, 51_200.0).window_s, 81.92);
     }

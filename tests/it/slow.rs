@@ -1,4 +1,4 @@
-//! A roll that turns slowly: the daemon judges it by revolutions, unless it is told not to.
+//! A roll that turns slowly: the daemon judges it by revolutions where it is told to.
 
 use crate::support;
 use crate::support::Daemon;
@@ -61,14 +61,14 @@ fn outer_race() -> Vec<f64> {
 
 #[test]
 fn a_slow_shaft_is_judged_in_windows_of_120_revolutions() {
-    let (bearing, longest_s) = verdict("");
+    let (bearing, longest_s) = verdict("[pipeline]\nlengthen_windows = true\n");
     assert_eq!(bearing["fault"], "outer_race", "{bearing:#}");
     assert!((79.0..81.0).contains(&longest_s), "{longest_s} s: {bearing:#}");
 }
 
 #[test]
-fn windows_stay_as_stated_where_the_daemon_is_told_so() {
-    let (bearing, _) = verdict("[pipeline]\nlengthen_windows = false\n");
+fn windows_that_stay_as_stated_say_what_to_set() {
+    let (bearing, _) = verdict("");
     assert_eq!(bearing["state"], "undetermined", "{bearing:#}");
     let why = bearing["why"].as_str().unwrap();
     assert!(why.contains("window too short") && why.contains("lengthen_windows"), "{why}");

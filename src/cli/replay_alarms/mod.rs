@@ -23,6 +23,7 @@ use crate::machine::file;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::pipeline::SpeedHints;
 use crate::signal::Timestamp;
 use crate::store::BaselineStore;
 use crate::store::SqliteBaselines;
@@ -145,7 +146,7 @@ fn answer(arguments: &Arguments) -> Result<(), RerunError> {
     let id = &entry.machine.id;
     let (machine, settings) = match &arguments.with {
         Some(file) => tried(file, &config, id)?,
-        None => (Arc::clone(&entry.machine), config.monitor.alarms.clone()),
+        None => (Arc::clone(&entry.machine), delays(&config, &entry.machine)),
     };
     let directory = &config.store.directory;
     let trends = SqliteTrendArchive::new(directory);
@@ -178,7 +179,7 @@ fn tried(file: &Path, config: &Config, id: &str) -> Result<(Arc<Machine>, Settin
     if !is_machine {
         let config = config::load(file)?;
         let entry = super::baseline::machine(&config, Some(id))?;
-        return Ok((Arc::clone(&entry.machine), config.monitor.alarms.clone()));
+        return Ok((Arc::clone(&entry.machine), delays(&config, &entry.machine)));
     }
     let machine = file::parse(&text, &file.display().to_string())
         .map_err(|mistakes| RerunError::MachineFile { mistakes: mistakes.to_string() })?;
@@ -186,7 +187,13 @@ fn tried(file: &Path, config: &Config, id: &str) -> Result<(Arc<Machine>, Settin
         let (found, wanted) = (machine.id, id.to_owned());
         return Err(RerunError::OtherMachine { file: file.to_owned(), found, wanted });
     }
-    Ok((Arc::new(machine), config.monitor.alarms.clone()))
+    let delays = delays(config, &machine);
+    Ok((Arc::new(machine), delays))
+}
+
+/// Delays of a machine's alarms: longer where it turns slowly, as far as the machine file states its speed.
+fn delays(config: &Config, machine: &Machine) -> Settings {
+    config.monitor_of((machine, SpeedHints::default()), &[]).alarms
 }
 
 /// The records that windows may have been held against, if any limit asks for them.
