@@ -113,9 +113,7 @@ impl Config {
         let of_captures = self.captures.map_or(0, |captures| captures.max_bytes);
         self.store.max_bytes.saturating_sub(of_captures)
     }
-}
 
-impl Config {
     /// Settings of the monitor of a machine whose stream has these channels: with longer windows where it turns slowly, unless they
     /// shall stay as stated.
     #[must_use]

@@ -2,6 +2,7 @@
 
 use super::Monitor;
 use super::Settings;
+use super::fitting;
 use crate::alarms::AlarmEvent;
 use crate::alarms::Moment;
 use crate::diagnosis::drift;
@@ -29,7 +30,8 @@ impl Monitor {
         renewal: Renewal,
         now: Moment,
     ) -> Vec<AlarmEvent> {
-        self.settings = self.settings.renewed(settings);
+        // Held against what the channels made of these settings: only windows that were lengthened lengthen delays.
+        self.settings = self.settings.renewed(&fitting(&self.channels, settings));
         self.machine = Arc::clone(machine);
         self.extractor.describe(Arc::clone(machine));
         let alarms = self.settings.alarms.clone();

@@ -4,8 +4,10 @@ use super::Monitor;
 use super::MonitorError;
 use super::Outcome;
 use super::Plans;
+use super::Renewal;
 use super::Settings;
 use super::SpeedHints;
+use crate::alarms::Moment;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::FaultMode;
@@ -17,6 +19,7 @@ use crate::signal::Block;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::signal::SampleIndex;
+use crate::signal::Timestamp;
 use crate::units::Hz;
 use crate::units::Unit;
 use std::f64::consts::TAU;
@@ -248,6 +251,22 @@ fn rejected_samples_are_told_with_their_reason() {
     }
     assert_eq!(outcomes[0].diagnosis.samples_rejected, 15);
     assert_eq!(outcomes[0].diagnosis.rejected_because, ["15 samples: not finite"]);
+}
+
+#[test]
+fn settings_that_come_again_change_nothing() {
+    // At 1 Hz a window is as long as its fewest samples are.
+    for rate_hz in [RATE_HZ, 1.0] {
+        let (machine, settings) =
+            (Arc::new(file::parse(MACHINE, "m.toml").unwrap()), Settings::default());
+        let channels = vec![ChannelInfo { sample_rate: Hz(rate_hz), ..channel("acc") }];
+        let hints = SpeedHints::default();
+        let mut monitor = Monitor::new(Arc::clone(&machine), channels, hints, &settings).unwrap();
+        let before = monitor.settings.clone();
+        let now = Moment { stream_s: 0.0, monotonic_s: 0.0, utc: Timestamp(0) };
+        monitor.renew(&machine, &settings, Renewal::Judged, now);
+        assert_eq!(monitor.settings, before, "{rate_hz} Hz");
+    }
 }
 
 #[test]
