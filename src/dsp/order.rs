@@ -251,10 +251,11 @@ impl PhaseTrack {
         }
     }
 
-    /// Largest minus smallest mean speed of single revolutions, over the mean speed; 0 for a constant
-    /// speed, `None` if no whole revolution is covered.
+    /// Largest minus smallest mean speed over this many whole revolutions in a row, over the mean speed; 0 for a constant
+    /// speed, `None` if so many are not covered.
     #[must_use]
-    pub fn relative_excursion(&self) -> Option<f64> {
+    pub fn relative_excursion(&self, n_revolutions: u32) -> Option<f64> {
+        let stretch = f64::from(n_revolutions);
         let (times_s, revolutions) = match &self.knots {
             Knots::Constant { .. } => return Some(0.0),
             Knots::Pulses { times_s, revolutions } | Knots::Smooth { times_s, revolutions, .. } => {
@@ -265,7 +266,7 @@ impl PhaseTrack {
         let mut end = 0;
         for (start_s, start) in times_s.iter().zip(revolutions) {
             // Half a pulse of slack against rounding of n/pulses_per_rev.
-            while end < revolutions.len() && revolutions[end] < start + 1.0 - 1e-9 {
+            while end < revolutions.len() && revolutions[end] < start + stretch - 1e-9 {
                 end += 1;
             }
             let Some((end_s, end_rev)) = times_s.get(end).zip(revolutions.get(end)) else { break };
@@ -303,7 +304,7 @@ mod tests {
     fn a_regular_train_turns_steadily() {
         let track = PhaseTrack::from_pulses(&regular(21), 1).unwrap();
         assert!((track.mean_speed_hz() - 10.0).abs() < 1e-12);
-        assert!(track.relative_excursion().unwrap() < 1e-12);
+        assert!(track.relative_excursion(1).unwrap() < 1e-12);
         assert!((track.revolutions_at(0.3).unwrap() - 2.5).abs() < 1e-12);
         assert!((track.time_at(2.5).unwrap() - 0.3).abs() < 1e-12);
         assert_eq!((track.revolutions_at(0.04), track.revolutions_at(2.06)), (None, None));
@@ -344,7 +345,7 @@ mod tests {
         assert_eq!((track.n_missing(), track.n_double()), (3, 1));
         // 39 intervals of a quarter revolution, as if nothing had happened.
         assert!((track.revolutions_at(regular(40)[39]).unwrap() - 9.75).abs() < 1e-9);
-        assert!(track.relative_excursion().unwrap() < 1e-9);
+        assert!(track.relative_excursion(1).unwrap() < 1e-9);
     }
 
     #[test]
@@ -356,7 +357,11 @@ mod tests {
         let track = PhaseTrack::from_pulses(&times_s, 1).unwrap();
         assert_eq!((track.n_missing(), track.n_double()), (0, 0));
         // (20 − 10)/15 less half an interval at either end.
-        assert!((track.relative_excursion().unwrap() - 0.66).abs() < 0.01);
+        assert!((track.relative_excursion(1).unwrap() - 0.66).abs() < 0.01);
+        // Over fifty the slowest and the fastest half are left: the means of 10 … √250 and √250 … 20 Hz.
+        let halves = 0.5 * (20.0 - 10.0) / 15.0;
+        assert!((track.relative_excursion(50).unwrap() - halves).abs() < 0.01);
+        assert_eq!(track.relative_excursion(101), None);
     }
 
     #[test]
@@ -364,7 +369,7 @@ mod tests {
         let track = PhaseTrack::constant(12.5).unwrap();
         assert_eq!(track.revolutions_at(2.0), Some(25.0));
         assert_eq!(track.time_at(25.0), Some(2.0));
-        assert_eq!(track.relative_excursion(), Some(0.0));
+        assert_eq!(track.relative_excursion(1), Some(0.0));
         assert_eq!(track.covered_revolutions(0.0, 1.0), Some((0.0, 12.5)));
         for speed_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(PhaseTrack::constant(speed_hz), None);
@@ -420,6 +425,6 @@ mod tests {
         assert_eq!(PhaseTrack::from_pulses(&[1.0, 1.0, 1.0, 1.0, 2.0], 1), None);
         assert_eq!(PhaseTrack::from_pulses(&[1.0, 2.0], 0), None);
         let track = PhaseTrack::from_pulses(&[1.0, 2.0], 4).unwrap();
-        assert_eq!(track.relative_excursion(), None, "a quarter of a revolution");
+        assert_eq!(track.relative_excursion(1), None, "a quarter of a revolution");
     }
 }
