@@ -189,11 +189,20 @@ fn higher_side_band(
 /// fewer than a dozen elements other lines, this far below a defect's.
 const HIGHEST_MULTIPLE: u32 = 12;
 
+/// From this multiple on the comb beside the line is looked at, too: the rate itself is placed the worse the higher the multiple.
+const LOWEST_OF_COMB: u32 = 5;
+
 /// Highest multiple of a comb's rate: what strikes every other or every third turn has lines that reach over all of a defect's.
 const HIGHEST_OF_COMB: u32 = 40;
 
 /// Half the distance of two lines is known to this, cells, where each is placed within a tenth (0.1/√2).
 const SPACING_TOLERANCE: f64 = 0.07;
+
+/// The tolerance tells a multiple from what lies between two as long as it is this part of the rate at most.
+const MOST_TOLERANCE: f64 = 0.25;
+
+/// That many times the tolerance where a comb reaches on: lines half as deep may be placed so badly, and four need not meet by chance.
+const REACHING_TOLERANCE: f64 = 2.0;
 
 /// A slower rate's line must be this part as high: strikes have lines of heights that fall with the rate.
 const EQUAL_HEIGHT: f64 = 0.5;
@@ -245,9 +254,9 @@ fn slower_rate(
     below.or_else(|| comb_rate(spectrum, task, (frequency_hz, fundamental), scratch))
 }
 
-/// The rate g of a comb of which the line at f is the m-th, m above those looked for otherwise (F14): the lines f ± g beside it stand
-/// out and are half as deep at least, as those of strikes are that have many; a defect's line has none there. At the spacing
-/// of its own side bands f ± 2g must, too.
+/// The rate g of a comb of which the line at f is the m-th, m = 5 and above (F14): the lines f ± g beside it stand
+/// out and are half as deep at least, as those of strikes are that have many; a defect's line has none there. Up to the multiples that are
+/// looked for otherwise, and at the spacing of its own side bands, f ± 2g must, too.
 fn comb_rate(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
@@ -264,21 +273,30 @@ fn comb_rate(
         let read = measure(spectrum, task, at, Searched::peaks(3.0), scratch)?;
         (read.power_ratio > STANDS_OUT).then_some(place * spectrum.bin_hz)
     };
-    let is_apart = |m: &f64| frequency_hz / (m * m) >= spectrum.bin_hz;
-    let mut multiples =
-        (HIGHEST_MULTIPLE + 1..=HIGHEST_OF_COMB).map(f64::from).take_while(is_apart);
+    // Where a tolerance is a quarter of the rate, side bands at any spacing would meet it.
+    let tolerance_hz = |m: f64, times: f64| {
+        let hz = times * m * SPACING_TOLERANCE / spectrum.duration_s;
+        Some(hz).filter(|hz| *hz <= MOST_TOLERANCE * frequency_hz / m)
+    };
+    let is_told = |m: &f64| tolerance_hz(*m, 1.0).is_some();
+    let mut multiples = (LOWEST_OF_COMB..=HIGHEST_OF_COMB).map(f64::from).take_while(is_told);
     multiples.find_map(|m| {
         let below = place_of_equal(frequency_hz - frequency_hz / m)?;
         let above = place_of_equal(frequency_hz + frequency_hz / m)?;
         let spacing = (above - below) / 2.0;
-        let is_multiple =
-            (m * spacing - frequency_hz).abs() <= m * SPACING_TOLERANCE / spectrum.duration_s;
-        let is_own = (spacing - task.side_band_spacing.0).abs() <= task.resolution.0;
+        // The multiple is one that is looked for or the next.
+        let m = (frequency_hz / spacing).round();
+        let apart = (m * spacing - frequency_hz).abs();
+        let is_multiple = |times: f64| tolerance_hz(m, times).is_some_and(|hz| apart <= hz);
+        let is_common = (spacing - task.side_band_spacing.0).abs() <= task.resolution.0
+            || m <= f64::from(HIGHEST_MULTIPLE);
         let mut reaches_on = || {
             place_of_equal(frequency_hz - 2.0 * spacing).is_some()
                 && place_of_equal(frequency_hz + 2.0 * spacing).is_some()
         };
-        (is_multiple && (!is_own || reaches_on())).then_some(Hz(spacing))
+        let is_of_comb = is_multiple(1.0) && !is_common
+            || (is_multiple(1.0) || is_multiple(REACHING_TOLERANCE)) && reaches_on();
+        is_of_comb.then_some(Hz(spacing))
     })
 }
 

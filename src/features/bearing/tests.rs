@@ -267,6 +267,23 @@ fn a_line_of_a_dense_comb_is_told_from_a_line_of_its_own() {
 }
 
 #[test]
+fn a_line_of_a_comb_is_told_where_its_rate_is_placed_badly() {
+    // Strikes at an eleventh, whose first line another pulls away by a tenth of a cell: eleven times that is a cell.
+    let (own, spacing) = ((98.9, 0.5), 98.9 / 11.0);
+    let first = (spacing + 0.01, 0.5);
+    let beside = |heights: [f64; 4]| {
+        [-2.0, -1.0, 1.0, 2.0].iter().zip(heights).map(|(k, h)| (98.9 + k * spacing, h)).collect()
+    };
+    let read =
+        |beside: Vec<(f64, f64)>| slower(&[vec![own, first], beside].concat(), DefectLine::Bpfo);
+    let found = read(beside([0.4; 4])).unwrap();
+    assert!((found - spacing).abs() < 0.01, "{found}");
+    // Side bands of a line that stands by itself fall off.
+    assert_eq!(read(beside([0.2, 0.4, 0.4, 0.2])), None);
+    assert_eq!(read(beside([0.4, 0.4, 0.4, 0.0])), None);
+}
+
+#[test]
 fn a_line_that_is_smeared_is_a_multiple_of_what_lies_as_far_away_as_it_reaches() {
     // A speed that turns back at 32.967 Hz and rests at 32.7: the third harmonic is highest at one end, the first at the other.
     let resting = (32.7, 0.8);
