@@ -113,6 +113,7 @@ impl<'m> LineReader<'m> {
                 bearing: target.bearing,
                 channel: heard.0,
                 line: target.line,
+                is_at_rest: target.is_at_rest,
                 expected: target.expected,
                 band: target.band,
                 shaft_speed: target.shaft_speed,

@@ -255,7 +255,7 @@ impl<'a> Candidate<'a> {
     }
 
     /// Whether it is as deep as matters in a band at least, and a rolling element's with side bands at FTF: no sound element that passes
-    /// and no structure makes both, so that it need not be deep in more (C4).
+    /// and no structure makes both, so that it need not be deep in more (C4). Others' damage makes a race's with side bands at 1×.
     fn is_deep_and_carried(&self) -> bool {
         self.search.line == DefectLine::TwoBsf
             && self.depth() >= severity::WARNING_DEPTH
@@ -397,6 +397,7 @@ mod tests {
             bearing: BearingIndex(0),
             channel: ChannelIndex(0),
             line,
+            is_at_rest: line == DefectLine::Bpfo,
             expected: Hz(150.0),
             band: RelativeBand::default(),
             shaft_speed: Hz(30.0),

@@ -51,6 +51,8 @@ pub(super) enum Doubt {
     OfElements,
     /// A side band of it is higher than itself.
     SideLine,
+    /// A race's line at a rate that another bearing's may have, and side bands tell rather of that.
+    Contested,
     /// Nothing confirms a name plate's speed, and at a speed near by it is a multiple of the shaft's.
     NearMultiple,
     /// A bearing beside it strikes ten times as hard.
@@ -93,11 +95,9 @@ pub(super) fn sort<'c>(candidates: &'c [Candidate<'c>], seen: &Seen<'c>) -> Sort
             continue;
         };
         // Sound elements pass the race at rest, and are deep in one channel or the other.
-        let bearing = seen.context.machine.bearing(seen.bearing);
-        let passes = own.search.line == DefectLine::of_race_at_rest(bearing.rotating_ring);
         let others = candidates.iter().filter(|c| {
             let at = c.best.as_ref().map(|best| best.frequency);
-            !passes
+            !own.search.is_at_rest
                 && c.is_proven()
                 && c.search.line == own.search.line
                 && c.search.channel != own.search.channel
@@ -133,6 +133,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::OfElements)
     } else if line.side_band_of.is_some() {
         Says::Doubt(Doubt::SideLine)
+    } else if !contenders(line, seen).is_empty() {
+        Says::Doubt(Doubt::Contested)
     } else if is_near_multiple(line, seen) {
         Says::Doubt(Doubt::NearMultiple)
     } else if line.is_overheard(seen.accepted) {
@@ -165,6 +167,7 @@ pub(super) fn why_open(
         | Doubt::Lone
         | Doubt::OfElements
         | Doubt::SideLine
+        | Doubt::Contested
         | Doubt::NearMultiple
         | Doubt::Overheard
         | Doubt::Smooth
@@ -178,6 +181,7 @@ pub(super) fn why_open(
         Doubt::Lone => said::lone(line, seen.context),
         Doubt::OfElements => said::of_elements(line, seen.context),
         Doubt::SideLine => said::side_line(line, seen.context),
+        Doubt::Contested => said::contested(line, &contenders(line, seen), seen.context),
         Doubt::NearMultiple => said::near_multiple(line, seen.context),
         Doubt::Overheard => said::overheard(line, seen.context),
         Doubt::Smooth => said::smooth(line, seen.context),
@@ -212,6 +216,24 @@ pub(super) fn why_open(
         .or_else(of_several)
         .or_else(|| half_deep(candidates, seen))
         .or_else(|| looked::hidden(searches, seen))
+        .or_else(|| lent(seen))
+}
+
+/// A line that is heard as another bearing's race, and may be this one's (C44).
+fn lent(seen: &Seen<'_>) -> Option<String> {
+    let of_others = seen.accepted.iter().flat_map(|a| a.owners.iter().map(move |s| (a, s)));
+    let mut doubtful = of_others.flat_map(|(a, s)| {
+        let contenders = owner::contenders(s, a.frequency, seen.features);
+        contenders.into_iter().map(move |own| (a, s, own))
+    });
+    let (line, heard, own) = doubtful.find(|(_, _, own)| own.bearing == seen.bearing)?;
+    Some(said::lent(line.frequency, heard, own, seen.context))
+}
+
+/// The lines of other bearings one of which it may be instead (C44).
+fn contenders<'a>(line: &Candidate<'_>, seen: &Seen<'a>) -> Vec<&'a LineSearch> {
+    let at = line.best.as_ref().map(|best| best.frequency);
+    at.map_or_else(Vec::new, |at| owner::contenders(line.search, at, seen.features))
 }
 
 /// A line that is there, too small to accuse and too deep to acquit (C42), unless sound elements that pass may make it, or a baseline
@@ -247,7 +269,7 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
             && line.is_agreed()
             && !line.is_bare()
             && !line.is_carried()
-            && !is_turned(line, seen)
+            && !is_turned(line)
             // Accepted, it would explain itself.
             && !candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, &[], 1.0)))
             && !has_not_grown(line, seen)
@@ -265,9 +287,8 @@ fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
 
 /// Whether it is a line of the race at rest with side bands at 1×: a defect there meets the same load on each turn, and
 /// what turns is the shaft's.
-fn is_turned(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    let bearing = seen.context.machine.bearing(line.search.bearing);
-    line.search.line != DefectLine::of_turning_race(bearing.rotating_ring)
+fn is_turned(line: &Candidate<'_>) -> bool {
+    !line.search.is_of_turning_race()
         && line.search.line != DefectLine::TwoBsf
         && line.has_side_band()
 }
@@ -344,10 +365,7 @@ fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 
 /// Whether it is a line of the race at rest, which all elements pass, and less than the modulation of a tone at the same rate.
 fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    let bearing = seen.context.machine.bearing(line.search.bearing);
-    let is_race = matches!(line.search.line, DefectLine::Bpfi | DefectLine::Bpfo);
-    is_race
-        && line.search.line != DefectLine::of_turning_race(bearing.rotating_ring)
+    line.search.is_at_rest
         && candidate::is_of_tone(&everywhere(line, seen, |s| {
             Candidate::weigh(s, seen.accepted, 1.0)
         }))

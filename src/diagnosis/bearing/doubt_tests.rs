@@ -65,6 +65,7 @@ pub(in crate::diagnosis::bearing) fn search(
         bearing: BearingIndex(bearing),
         channel: ChannelIndex(bearing),
         line,
+        is_at_rest: line == DefectLine::Bpfo,
         expected: Hz(150.0),
         band: RelativeBand::default(),
         shaft_speed: Hz(30.0),

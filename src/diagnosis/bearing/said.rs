@@ -7,7 +7,9 @@ use crate::diagnosis::Context;
 use crate::diagnosis::severity;
 use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
 use crate::machine::BearingIndex;
+use crate::units::Hz;
 
 /// Why a line of the lowest band alone does not accuse.
 pub(super) fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
@@ -75,6 +77,37 @@ pub(super) fn side_line(line: &Candidate<'_>, context: &Context<'_>) -> String {
         sentence(line, context),
         line.side_band_of.map_or(0.0, |carrier| carrier.0)
     )
+}
+
+/// Why a race's line that another bearing may make does not accuse.
+pub(super) fn contested(
+    line: &Candidate<'_>,
+    others: &[&LineSearch],
+    context: &Context<'_>,
+) -> String {
+    let mut names: Vec<String> = others.iter().map(|s| named(s, context)).collect();
+    names.dedup();
+    format!(
+        "{}; its side bands are not those of this race but may be of another bearing's damage, heard here: it may be {}, cause not proven",
+        sentence(line, context),
+        names.join(" or ")
+    )
+}
+
+/// Why a bearing is not acquitted of what is heard as another's.
+pub(super) fn lent(at: Hz, heard: &LineSearch, own: &LineSearch, context: &Context<'_>) -> String {
+    format!(
+        "{:.1} Hz in the envelope of {} would be {}, but its side bands tell otherwise: it may be {}",
+        at.0,
+        context.channel_name(heard.channel),
+        named(heard, context),
+        named(own, context)
+    )
+}
+
+/// A bearing's line by name.
+fn named(search: &LineSearch, context: &Context<'_>) -> String {
+    format!("{} of {}", search.line.name(), context.machine.bearing(search.bearing).id)
 }
 
 /// Why a line that a shaft may have at another speed than its name plate's does not accuse.

@@ -14,6 +14,7 @@ use super::Feature;
 use super::bands;
 use super::bands::Band;
 use super::reach::searched_range;
+use super::targets;
 use super::trace::Trace;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
@@ -332,6 +333,8 @@ pub struct LineSearch {
     pub channel: ChannelIndex,
     /// Which line.
     pub line: DefectLine,
+    /// Whether it is that of the race at rest, which all elements pass.
+    pub is_at_rest: bool,
     /// Kinematic rate.
     pub expected: Hz,
     /// Limits of that rate which the geometry leaves, slip not counted.
@@ -356,6 +359,18 @@ pub struct LineSearch {
 }
 
 impl LineSearch {
+    /// Whether it is the line of the race that turns.
+    #[must_use]
+    pub fn is_of_turning_race(&self) -> bool {
+        !self.is_at_rest && matches!(self.line, DefectLine::Bpfi | DefectLine::Bpfo)
+    }
+
+    /// Revolutions of the bearing's shaft in the window.
+    #[must_use]
+    pub fn revolutions(&self) -> f64 {
+        targets::HANN_LOBE / self.resolution.0 * self.shaft_speed.0
+    }
+
     /// Depth of the fundamental, or of what noise leaves in its place, that a quarter of the bands reach (F27): what baselines and trends hold.
     /// `None` where it could not be read, or where most of it lies.
     #[must_use]

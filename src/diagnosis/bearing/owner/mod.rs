@@ -3,13 +3,20 @@
 
 use crate::diagnosis::confidence;
 use crate::features::WindowFeatures;
+use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
+use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
 use crate::features::reach;
 use crate::units::Hz;
 
 /// Part of the bands with a line in which its side bands must stand.
 const A_QUARTER: f64 = 0.25;
+
+/// Part of the bands that must show side bands if any of this height over the line's would be seen there: of a load that changes by a tenth
+/// up and down.
+const HALF: f64 = 0.5;
+const FAINT: f64 = 0.1;
 
 /// How far beyond the range in which a line is sought it is not excluded beside another of its bearing, relative: the range is what a search
 /// pays for (F5), not the most that elements slip.
@@ -57,17 +64,68 @@ fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> bool {
     (low.0 - margin..=high.0 + margin).contains(&frequency.0)
 }
 
-/// Whether side bands at the spacing of `search` stand beside its line found at `frequency` in a quarter of the bands where it was
-/// found there (C4): they are weaker than the line, and lost in the noise of bands that hear it less well.
+/// Whether side bands at the spacing of `search` stand beside its line found at `frequency`.
 pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
+    side_bands(search, frequency) == SideBands::Stand
+}
+
+/// What is known of a line's side bands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum SideBands {
+    Stand,
+    /// They do not stand where faint ones would be seen.
+    Absent,
+    /// They do not, and noise may hide them.
+    Unknown,
+}
+
+/// Tells whether they stand in a quarter of the bands where the line was found at `frequency`, and in half of those in which faint ones would
+/// be seen (C4): they are weaker than the line, and lost in the noise of bands that hear it less well; but a load modulates what is
+/// struck, and so all bands alike.
+fn side_bands(search: &LineSearch, frequency: Hz) -> SideBands {
     let readings = search.outcome.as_deref().unwrap_or(&[]);
-    let tails: Vec<f64> = readings
-        .iter()
-        .filter(|r| (r.frequency.0 - frequency.0).abs() <= search.resolution.0)
-        .filter(|r| confidence::band_probability(r) <= confidence::FALSE_ALARM_PROBABILITY)
-        .map(|r| r.side_band.map_or(1.0, |side| confidence::harmonic_tail(&side)))
-        .collect();
-    confidence::combine(&tails, A_QUARTER) <= confidence::FALSE_ALARM_PROBABILITY
+    let stands = |p: f64| p <= confidence::FALSE_ALARM_PROBABILITY;
+    let found = || {
+        readings
+            .iter()
+            .filter(|r| (r.frequency.0 - frequency.0).abs() <= search.resolution.0)
+            .filter(|r| stands(confidence::band_probability(r)))
+    };
+    let would_show_faint = |r: &&BandReading| {
+        r.side_band.zip(r.harmonics[0]).is_some_and(|(side, line)| {
+            let power_ratio = FAINT * FAINT * line.power_ratio;
+            stands(confidence::harmonic_tail(&Harmonic { power_ratio, ..side }))
+        })
+    };
+    let tail = |r: &BandReading| r.side_band.map_or(1.0, |side| confidence::harmonic_tail(&side));
+    let clear: Vec<f64> = found().filter(would_show_faint).map(tail).collect();
+    let all: Vec<f64> = found().map(tail).collect();
+    if !clear.is_empty() && !stands(confidence::combine(&clear, HALF)) {
+        SideBands::Absent
+    } else if stands(confidence::combine(&all, A_QUARTER)) {
+        SideBands::Stand
+    } else {
+        SideBands::Unknown
+    }
+}
+
+/// The lines of other bearings one of which a race's line may be instead (C44): a race at rest, if this one turns and shows no side bands at
+/// 1× where faint ones would be seen, for it goes through the load once a turn; or rolling elements with side bands at FTF at their own sensor.
+pub(super) fn contenders<'a>(
+    search: &LineSearch,
+    frequency: Hz,
+    features: &'a WindowFeatures,
+) -> Vec<&'a LineSearch> {
+    let is_race = matches!(search.line, DefectLine::Bpfi | DefectLine::Bpfo);
+    let is_unturned =
+        search.is_of_turning_race() && side_bands(search, frequency) == SideBands::Absent;
+    let elsewhere = features.bearing_lines.iter().filter(|s| s.bearing != search.bearing);
+    let is_carried =
+        |s: &LineSearch| is_race && s.line == DefectLine::TwoBsf && has_side_bands(s, frequency);
+    elsewhere
+        .filter(|s| may_stand_at(s, frequency, 0.0))
+        .filter(|s| is_unturned && s.is_at_rest || is_carried(s))
+        .collect()
 }
 
 #[cfg(test)]

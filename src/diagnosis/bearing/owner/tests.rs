@@ -43,6 +43,7 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
         bearing: BearingIndex(place),
         channel: ChannelIndex(0),
         line,
+        is_at_rest: line == DefectLine::Bpfo,
         expected: Hz(30.0 * order),
         band,
         shaft_speed: Hz(30.0),
@@ -58,6 +59,12 @@ fn search(place: usize, (_, line, order, band, side): Line) -> LineSearch {
 
 /// Verdicts by bearing id where the bearings stand in the order of `ids` in the machine file.
 fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
+    let place = |line: &Line| ids.iter().position(|id| *id == line.0).unwrap();
+    judged_by(ids, lines.iter().map(|l| search(place(l), *l)).collect())
+}
+
+/// The same by searches.
+fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagnosis> {
     let bearings: String = ids
         .iter()
         .map(|id| {
@@ -69,11 +76,9 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         .collect();
     let text = format!(
         "[machine]\nid='m'\n[[shaft]]\nid='s'\n{bearings}[[sensor]]\nchannel='a'\n\
-         kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n"
+         kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n[[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n"
     );
     let machine = file::parse(&text, "m.toml").unwrap();
-    let place = |line: &Line| ids.iter().position(|id| *id == line.0).unwrap();
-    let mut searches: Vec<LineSearch> = lines.iter().map(|l| search(place(l), *l)).collect();
     searches.sort_by_key(|s| s.bearing.0);
     // Races that show nothing, so that every bearing could be looked at.
     for (i, line) in (0..ids.len()).flat_map(|i| [(i, DefectLine::Bpfi), (i, DefectLine::Bpfo)]) {
@@ -99,19 +104,19 @@ fn judged(ids: &[&str], lines: &[Line]) -> Vec<ComponentDiagnosis> {
         pieces: Vec::new(),
         laws: Vec::new(),
     };
-    let channels = [ChannelInfo {
-        name: "a".into(),
+    let channels = ["a", "b"].map(|name| ChannelInfo {
+        name: name.into(),
         sample_rate: Hz(1e4),
         unit: Unit::MetrePerSecondSquared,
         full_scale: None,
         offset: 0.0,
         unit_conflict: None,
-    }];
+    });
     let baseline = Baseline { records: Vec::new(), provisional: false };
     let context = Context {
         machine: &machine,
         channels: &channels,
-        channel_of_sensor: &[Some(ChannelIndex(0))],
+        channel_of_sensor: &[Some(ChannelIndex(0)), Some(ChannelIndex(1))],
         baseline: &baseline,
         runs: &baseline,
         offered_baselines: 0,
@@ -195,6 +200,8 @@ fn side_bands_in_a_quarter_of_the_bands_are_enough_and_paid_for() {
         found.outcome.as_mut().unwrap().truncate(power_ratios.len());
         for (reading, ratio) in found.outcome.as_mut().unwrap().iter_mut().zip(power_ratios) {
             let side = Harmonic { searched: Searched::largest(6.0, 2.0), ..harmonic(*ratio) };
+            // Not so high that side bands a tenth as high would be seen.
+            reading.harmonics[0] = Some(harmonic(400.0));
             reading.side_band = Some(side);
         }
         has_side_bands(&found, Hz(150.0))
@@ -208,4 +215,71 @@ fn side_bands_in_a_quarter_of_the_bands_are_enough_and_paid_for() {
     };
     let ratio = (80..200).map(|z| f64::from(z) / 10.0).find(|z| tail(*z) <= 8e-4).unwrap();
     assert!(stands(&[ratio]) && !stands(&[ratio, 1.0, 1.0, 1.0]));
+}
+
+/// A line that stands so high in eight bands that side bands a tenth as high would be seen, with those of these power ratios.
+fn clear(side_bands: [f64; 8], lines: &[Line]) -> Vec<LineSearch> {
+    let place = |line: &Line| if line.0 == "a" { 0 } else { 1 };
+    let mut found: Vec<LineSearch> = lines.iter().map(|l| search(place(l), *l)).collect();
+    let readings = found[0].outcome.as_mut().unwrap();
+    readings.extend(readings.clone());
+    for (reading, ratio) in readings.iter_mut().zip(side_bands) {
+        reading.harmonics[0] = Some(harmonic(5000.0));
+        let side = Harmonic { searched: Searched::largest(6.0, 2.0), ..harmonic(ratio) };
+        reading.side_band = Some(side);
+    }
+    found
+}
+
+#[test]
+fn a_load_modulates_what_is_struck_in_all_bands() {
+    let stands = |side_bands: [f64; 8]| {
+        let found = clear(side_bands, &[("a", DefectLine::TwoBsf, 4.98, NARROW, true)]);
+        has_side_bands(&found[0], Hz(150.0))
+    };
+    assert!(stands([60.0; 8]) && stands([60.0, 60.0, 60.0, 60.0, 2.0, 2.0, 2.0, 2.0]));
+    assert!(!stands([60.0, 60.0, 60.0, 2.0, 2.0, 2.0, 2.0, 2.0]), "something else stands in three");
+}
+
+#[test]
+fn a_turning_race_without_its_side_bands_may_be_anothers_race_at_rest() {
+    let verdicts = |side: f64, bpfo: f64| {
+        let lines = [
+            ("a", DefectLine::Bpfi, 5.02, NARROW, true),
+            ("b", DefectLine::Bpfo, bpfo, NARROW, false),
+        ];
+        let mut searches = clear([side; 8], &lines);
+        // Heard by the other's sensor alone.
+        searches[1].channel = ChannelIndex(1);
+        searches[1].outcome = Ok(Vec::new());
+        judged_by(&["a", "b"], searches)
+    };
+    let open = verdicts(2.0, 5.02);
+    for (id, other) in [("a", "BPFO of b"), ("b", "BPFI of a")] {
+        let verdict = of(&open, id);
+        assert_eq!(verdict.state, State::Undetermined, "{}", verdict.why);
+        assert!(verdict.why.contains(other), "{}", verdict.why);
+    }
+    for told in [verdicts(60.0, 5.02), verdicts(2.0, 5.3)] {
+        assert_eq!(of(&told, "a").fault, Some(FaultMode::InnerRace), "{}", of(&told, "a").why);
+        assert_eq!(of(&told, "b").state, State::Healthy, "{}", of(&told, "b").why);
+    }
+}
+
+#[test]
+fn a_race_louder_than_anothers_elements_with_their_cages_side_bands_is_not_accused() {
+    let verdicts = |side: bool| {
+        let mut element = search(1, ("b", DefectLine::TwoBsf, 5.02, NARROW, side));
+        element.channel = ChannelIndex(1);
+        element.outcome.iter_mut().flatten().for_each(|r| r.mean_square = 0.1);
+        let race = search(0, ("a", DefectLine::Bpfo, 5.02, NARROW, false));
+        judged_by(&["a", "b"], vec![race, element])
+    };
+    let open = verdicts(true);
+    for (id, other) in [("a", "2·BSF of b"), ("b", "BPFO of a")] {
+        let verdict = of(&open, id);
+        assert_eq!(verdict.state, State::Undetermined, "{}", verdict.why);
+        assert!(verdict.why.contains(other), "{}", verdict.why);
+    }
+    assert_eq!(of(&verdicts(false), "a").fault, Some(FaultMode::OuterRace));
 }
