@@ -18,8 +18,9 @@ use crate::machine::uncertainty::OrderBands;
 use crate::machine::uncertainty::RelativeBand;
 use crate::units::Hz;
 
-/// A window must hold this many revolutions before its lines can be told from shaft harmonics.
-const MIN_REVOLUTIONS: f64 = 20.0;
+/// A window must hold this many revolutions before its lines can be told from shaft harmonics: then ± 2/T about these cover a third of all
+/// places.
+const MIN_REVOLUTIONS: f64 = 12.0;
 
 /// A demodulation band must be this many times wider than the fastest line: line, two harmonics and
 /// side bands.

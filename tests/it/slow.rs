@@ -12,13 +12,13 @@ use rotorwatch::trials::vibration::Strikes;
 use serde_json::Value;
 
 const RATE_HZ: f64 = 4000.0;
-/// 120 s.
-const N_SAMPLES: usize = 480_000;
+/// 165 s.
+const N_SAMPLES: usize = 660_000;
 
-/// 15 revolutions in the usual window of 10 s, 120 in one of 80 s.
-const SPEED_HZ: f64 = 1.5;
+/// 11 revolutions in the usual window of 10 s, 120 in one of 109 s.
+const SPEED_HZ: f64 = 1.1;
 
-const MACHINE: &str = "[machine]\nid = \"roll-1\"\nname = \"Roll\"\n[[shaft]]\nid = \"roll\"\nspeed_hz = 1.5\n\
+const MACHINE: &str = "[machine]\nid = \"roll-1\"\nname = \"Roll\"\n[[shaft]]\nid = \"roll\"\nspeed_hz = 1.1\n\
     [[bearing]]\nid = \"drive-side\"\nshaft = \"roll\"\nelements = 15\nelement_diameter_mm = 40.0\n\
     pitch_diameter_mm = 300.0\ncontact_angle_deg = 0.0\n[[sensor]]\nchannel = \"right_x\"\n\
     kind = \"accelerometer\"\nunit = \"m/s^2\"\nat = { bearing = \"drive-side\" }\n";
@@ -63,7 +63,7 @@ fn outer_race() -> Vec<f64> {
 fn a_slow_shaft_is_judged_in_windows_of_120_revolutions() {
     let (bearing, longest_s) = verdict("[pipeline]\nlengthen_windows = true\n");
     assert_eq!(bearing["fault"], "outer_race", "{bearing:#}");
-    assert!((79.0..81.0).contains(&longest_s), "{longest_s} s: {bearing:#}");
+    assert!((108.0..110.0).contains(&longest_s), "{longest_s} s: {bearing:#}");
 }
 
 #[test]

@@ -13,6 +13,7 @@ use super::truth;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rotorwatch::dsp::fir::Decimator;
+use rotorwatch::dsp::real;
 use rotorwatch::evaluation::score;
 use rotorwatch::evaluation::score::Outcome;
 use rotorwatch::evaluation::truth::TruthRow;
@@ -31,6 +32,8 @@ use std::sync::Arc;
 enum Change {
     /// One of so many equal parts, the first being 0.
     Part { at: usize, of: usize },
+    /// So many revolutions at the stated speed, from so many quarters on.
+    Few { revolutions: u32, quarter: u32 },
     /// From its end to its start: structures ring before they are struck.
     Reversed,
     /// With the sensors the other way round.
@@ -55,14 +58,25 @@ enum Change {
     Alone,
 }
 
+/// Speed taken for recordings that state none, near that of the others.
+const USUAL_HZ: f64 = 25.0;
+
 impl Change {
-    const ALL: [Self; 23] = [
+    const ALL: [Self; 31] = [
         Self::Part { at: 0, of: 2 },
         Self::Part { at: 1, of: 2 },
         Self::Part { at: 0, of: 4 },
         Self::Part { at: 1, of: 4 },
         Self::Part { at: 2, of: 4 },
         Self::Part { at: 3, of: 4 },
+        Self::Few { revolutions: 15, quarter: 0 },
+        Self::Few { revolutions: 15, quarter: 1 },
+        Self::Few { revolutions: 15, quarter: 2 },
+        Self::Few { revolutions: 15, quarter: 3 },
+        Self::Few { revolutions: 40, quarter: 0 },
+        Self::Few { revolutions: 40, quarter: 1 },
+        Self::Few { revolutions: 40, quarter: 2 },
+        Self::Few { revolutions: 40, quarter: 3 },
         Self::Reversed,
         Self::Inverted,
         Self::Gain(0.05),
@@ -91,6 +105,15 @@ impl Change {
                 let n = x.len() / of;
                 *x = x[at * n..(at + 1) * n].to_vec();
             }),
+            Self::Few { revolutions, quarter } => {
+                let speed_hz = recording.stated.map_or(USUAL_HZ, |speed| speed.0);
+                let seconds = f64::from(revolutions) / speed_hz;
+                let n = real::ceil_index(seconds * recording.rate_hz);
+                changed.each(|x| {
+                    let start = x.len() * quarter as usize / 4;
+                    *x = x[start..(start + n).min(x.len())].to_vec();
+                });
+            }
             Self::Reversed => changed.each(|x| x.reverse()),
             Self::Inverted => changed.each(|x| x.iter_mut().for_each(|v| *v = -*v)),
             Self::Gain(gain) => changed.each(|x| x.iter_mut().for_each(|v| *v *= gain)),
@@ -126,6 +149,9 @@ impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Part { at, of } => write!(f, "part {} of {of}", at + 1),
+            Self::Few { revolutions, quarter } => {
+                write!(f, "{revolutions} turns from {quarter}/4")
+            }
             Self::Reversed => f.write_str("reversed"),
             Self::Inverted => f.write_str("inverted"),
             Self::Gain(gain) => write!(f, "gain {gain}"),
@@ -193,6 +219,6 @@ fn no_change_that_leaves_the_truth_makes_a_wrong_verdict() {
         mistakes.len()
     );
     assert!(n > 0 && mistakes.is_empty(), "{}", mistakes.join("\n"));
-    // A quarter of a record, or noise as loud as it, takes some.
+    // A quarter of a record, fifteen revolutions of it, or noise as loud as it, takes some.
     assert!(5 * right >= 4 * n, "{right} of {n}");
 }

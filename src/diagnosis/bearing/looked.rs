@@ -14,6 +14,9 @@ use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
 
+/// A window must hold this many revolutions to acquit: in fewer, what accuses stands out, but small defects do not.
+const REVOLUTIONS_TO_ACQUIT: f64 = 20.0;
+
 /// Why a bearing cannot be looked at, if so.
 pub(super) fn cannot_look(
     bearing: BearingIndex,
@@ -43,6 +46,20 @@ pub(super) fn race_not_read(searches: &[&LineSearch]) -> Option<String> {
     [DefectLine::Bpfi, DefectLine::Bpfo].into_iter().find_map(|line| not_read(line, searches))
 }
 
+/// Why a window that shows nothing acquits nobody: it is too short for that in every channel.
+pub(super) fn too_short_to_acquit(searches: &[&LineSearch]) -> Option<String> {
+    let read = searches.iter().filter(|s| s.outcome.is_ok());
+    let longest = read.map(|s| s.revolutions()).reduce(f64::max);
+    let longest = longest.filter(|n| *n < REVOLUTIONS_TO_ACQUIT)?;
+    Some(format!(
+        "window too short: {longest:.0} revolutions show no defect, and {REVOLUTIONS_TO_ACQUIT} are needed to say that there is none; {LONGER}"
+    ))
+}
+
+/// What to do about windows that are too short.
+const LONGER: &str =
+    "record longer, or set lengthen_windows, or a larger window_seconds, of the daemon";
+
 /// Why a line could not be read in any channel at its kinematic rate, if so.
 pub(super) fn not_read(line: DefectLine, searches: &[&LineSearch]) -> Option<String> {
     let mut of_line = searches.iter().filter(|s| s.line == line);
@@ -66,8 +83,7 @@ fn unreadable(search: &LineSearch) -> Option<String> {
             needed.0, usable.0
         ),
         Unreadable::TooShort { needed_s } => format!(
-            "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics; record longer, or set \
-             lengthen_windows, or a larger window_seconds, of the daemon"
+            "window too short: {line} needs {needed_s:.1} s to be told from shaft harmonics; {LONGER}"
         ),
         Unreadable::GeometryUncertain { with, band } => format!(
             "geometry too uncertain: {line} is known to {:.1} % and may stand where {} does; \
@@ -198,5 +214,22 @@ mod tests {
         assert_eq!(verdict.state, State::Undetermined);
         let said = ["BPFO", "too little to accuse", "besides, BPFI 270.0 Hz coincides with 9× s"];
         assert!(said.iter().all(|part| verdict.why.contains(part)), "{}", verdict.why);
+    }
+
+    #[test]
+    fn few_revolutions_accuse_but_do_not_acquit() {
+        // 30 Hz: 2/T of 0.2 Hz are 300 revolutions, of 3.75 Hz 16, of 3 Hz 20.
+        let verdict = |depth: f64, resolution: f64| {
+            let quiet = search(0, DefectLine::Bpfo, 0.0);
+            let other = LineSearch { expected: Hz(270.0), outcome: Ok(Vec::new()), ..quiet };
+            let lines = [search(0, DefectLine::Bpfi, depth), other];
+            let lines = lines.map(|line| LineSearch { resolution: Hz(resolution), ..line });
+            judged(lines.to_vec()).remove(0)
+        };
+        let open = verdict(0.0, 3.75);
+        assert_eq!(open.state, State::Undetermined, "{}", open.why);
+        assert!(open.why.contains("window too short: 16 revolutions"), "{}", open.why);
+        assert_eq!(verdict(0.6, 3.75).fault, Some(FaultMode::InnerRace));
+        assert_eq!(verdict(0.0, 2.9).state, State::Healthy);
     }
 }

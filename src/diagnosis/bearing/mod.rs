@@ -180,7 +180,9 @@ fn decide(
         return risen.warn(verdict, seen);
     }
     let open = doubt::why_open(&sorted.doubts, candidates, searches, seen);
-    match (open, looked::race_not_read(searches)) {
+    let unread = looked::race_not_read(searches);
+    let open = open.or_else(|| looked::too_short_to_acquit(searches).filter(|_| unread.is_none()));
+    match (open, unread) {
         (Some(why), None) | (None, Some(why)) => verdict.why = why,
         (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),
         (None, None) => acquit_what_is_heard(verdict, candidates, searches, seen),
