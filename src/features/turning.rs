@@ -24,6 +24,10 @@ const BLUR: f64 = 0.5;
 /// The angle must be known over this part of a channel's window.
 const COVERED: f64 = 0.8;
 
+/// Down to this part of the mean speed what folds lies above the usable band: frequencies f_s/2·(1 ± 0.025) change places, and lines are read
+/// below 0.95·f_s/2 (F4). No finer points are needed then.
+const STEADY: f64 = 0.975;
+
 /// Points at which the slowest speed is looked for.
 const LOOKS: u32 = 512;
 
@@ -91,7 +95,8 @@ pub(super) fn resample(trace: &Trace<'_>, turning: &Turning, first: Hz) -> Optio
         .filter_map(|i| track.speed_at(from_s + (to_s - from_s) * f64::from(i) / f64::from(LOOKS)));
     let slowest = speeds.fold(f64::INFINITY, f64::min);
     let points = ceil_index(trace.rate.0 / first.0);
-    let mut plan = OrderTrackPlan::new(points, trace.rate.0, slowest)?;
+    let kept_apart = if slowest > STEADY * first.0 { first.0 } else { slowest };
+    let mut plan = OrderTrackPlan::new(points, trace.rate.0, kept_apart)?;
     let mut samples = vec![0.0_f32; ceil_index((to - from) * points as f64) + 1];
     let found = plan.process(x, trace.rate.0, &track, &mut samples)?;
     samples.truncate(found.n_points);
