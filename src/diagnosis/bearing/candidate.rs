@@ -255,7 +255,8 @@ impl<'a> Candidate<'a> {
     }
 
     /// Whether it is as deep as matters in a band at least, and a rolling element's with side bands at FTF: no sound element that passes
-    /// and no structure makes both, so that it need not be deep in more (C4). Others' damage makes a race's with side bands at 1×.
+    /// and no structure makes both, so that it need not be deep in more (C4). Not a race that turns with side bands at 1×: a damaged
+    /// element makes that, too (C9).
     fn is_deep_and_carried(&self) -> bool {
         self.search.line == DefectLine::TwoBsf
             && self.depth() >= severity::WARNING_DEPTH

@@ -52,7 +52,8 @@ pub(super) fn too_short_to_acquit(searches: &[&LineSearch]) -> Option<String> {
     let longest = read.map(|s| s.revolutions()).reduce(f64::max);
     let longest = longest.filter(|n| *n < REVOLUTIONS_TO_ACQUIT)?;
     Some(format!(
-        "window too short: {longest:.0} revolutions show no defect, and {REVOLUTIONS_TO_ACQUIT} are needed to say that there is none; {LONGER}"
+        "window too short: {} revolutions show no defect, and {REVOLUTIONS_TO_ACQUIT} are needed to say that there is none; {LONGER}",
+        longest.floor()
     ))
 }
 

@@ -88,7 +88,7 @@ pub(super) fn contested(
     let mut names: Vec<String> = others.iter().map(|s| named(s, context)).collect();
     names.dedup();
     format!(
-        "{}; its side bands are not those of this race but may be of another bearing's damage, heard here: it may be {}, cause not proven",
+        "{}; side bands tell rather of another bearing's damage that is heard here: it may be {}, cause not proven",
         sentence(line, context),
         names.join(" or ")
     )
@@ -97,7 +97,7 @@ pub(super) fn contested(
 /// Why a bearing is not acquitted of what is heard as another's.
 pub(super) fn lent(at: Hz, heard: &LineSearch, own: &LineSearch, context: &Context<'_>) -> String {
     format!(
-        "{:.1} Hz in the envelope of {} would be {}, but its side bands tell otherwise: it may be {}",
+        "{:.1} Hz in the envelope of {} would be {}, but side bands tell otherwise: it may be {}",
         at.0,
         context.channel_name(heard.channel),
         named(heard, context),
