@@ -5,7 +5,7 @@
 use super::Trial;
 use super::defect::Defect;
 use super::drawn;
-use super::drawn::plant::Pace;
+use super::drawn::plant::Kind;
 use super::gears;
 use super::motion::Motion;
 use super::rig;
@@ -27,6 +27,8 @@ pub enum Part {
     Drawn,
     /// The same, slower and faster than most.
     Paces,
+    /// Machines drawn at random whose bearings, two to four, are of one type.
+    Alike,
     /// Gear pairs.
     Gears,
     /// The simulated rig.
@@ -35,7 +37,8 @@ pub enum Part {
 
 impl Part {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Stand, Self::Drawn, Self::Paces, Self::Gears, Self::Rig];
+    pub const ALL: [Self; 6] =
+        [Self::Stand, Self::Drawn, Self::Paces, Self::Alike, Self::Gears, Self::Rig];
 
     /// Name of the part.
     #[must_use]
@@ -44,6 +47,7 @@ impl Part {
             Self::Stand => "stand",
             Self::Drawn => "drawn",
             Self::Paces => "paces",
+            Self::Alike => "alike",
             Self::Gears => "gears",
             Self::Rig => "rig",
         }
@@ -57,7 +61,8 @@ pub struct Plan {
     pub first_seed: u64,
     /// Seeds of each cell of the stand; the rig takes the first.
     pub n_seeds: u64,
-    /// One speed, clearance, load, size and noise of the rig instead of all, and drawn machines at usual speeds only.
+    /// One speed, clearance, load, size and noise of the rig instead of all, and drawn machines at usual speeds, with bearings that
+    /// differ, only.
     pub is_thin: bool,
     /// Only machines in good health.
     pub is_healthy: bool,
@@ -114,10 +119,13 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
         tasks.extend(stand_tasks(plan));
     }
     if has(Part::Drawn) {
-        tasks.extend(drawn_tasks(plan, Pace::Usual));
+        tasks.extend(drawn_tasks(plan, Kind::Usual));
     }
     if has(Part::Paces) && !plan.is_thin {
-        tasks.extend([Pace::Slow, Pace::Fast].into_iter().flat_map(|p| drawn_tasks(plan, p)));
+        tasks.extend([Kind::Slow, Kind::Fast].into_iter().flat_map(|kind| drawn_tasks(plan, kind)));
+    }
+    if has(Part::Alike) && !plan.is_thin {
+        tasks.extend(drawn_tasks(plan, Kind::Alike));
     }
     if has(Part::Gears) {
         tasks.extend(gear_tasks(plan));
@@ -160,20 +168,20 @@ fn stand_tasks(plan: &Plan) -> Vec<Task> {
 const DRAWN_DB: [(f64, f64); 4] = [(-10.0, -5.0), (-5.0, 0.0), (0.0, 5.0), (5.0, 10.0)];
 
 /// As many sound machines as damaged ones are drawn.
-fn drawn_tasks(plan: &Plan, pace: Pace) -> Vec<Task> {
-    let of = pace.group();
+fn drawn_tasks(plan: &Plan, kind: Kind) -> Vec<Task> {
+    let of = kind.group();
     let strengths = if plan.is_thin { &DRAWN_DB[2..3] } else { &DRAWN_DB[..] };
     let mut tasks = Vec::new();
     for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
         let defects = strengths.iter().flat_map(|db| Defect::ALL.map(|defect| (defect, *db)));
         let mut number = 0;
         for (defect, db) in defects {
-            let sound = drawn::Setting { pace, defect: None, number, seed };
+            let sound = drawn::Setting { kind, defect: None, number, seed };
             tasks.push(Task::Drawn(format!("{of}, sound"), sound));
             if !plan.is_healthy {
                 let group = format!("{of}, defect {} to {} dB", db.0, db.1);
                 let damaged =
-                    drawn::Setting { pace, defect: Some((defect, db)), number: number + 1, seed };
+                    drawn::Setting { kind, defect: Some((defect, db)), number: number + 1, seed };
                 tasks.push(Task::Drawn(group, damaged));
             }
             number += 2;

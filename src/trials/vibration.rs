@@ -127,11 +127,12 @@ impl Strikes {
         let mut t_s = 0.0;
         while t_s < duration_s {
             let struck = place + self.jitter * normal(random) / self.order;
-            t_s = turn.time_s(struck, t_s);
+            // Nothing is struck before the record, where a run-up may never have been.
+            t_s = if struck < 0.0 { 0.0 } else { turn.time_s(struck, t_s) };
             let (order, depth) = self.modulation;
             let load = (1.0 + depth * (TAU * order * struck).cos()).max(0.0);
             let at = t_s * rate_hz;
-            if at >= 0.0 && at < n as f64 {
+            if struck >= 0.0 && at >= 0.0 && at < n as f64 {
                 strikes[floor_index(at)] += load * (1.0 + self.scatter * normal(random));
             }
             let slipped = if self.drift > 0.0 { self.drift * normal(random) } else { 0.0 };
@@ -209,6 +210,7 @@ pub fn add_tone(to: &mut [f64], rate_hz: f64, frequency_hz: f64, amplitude: f64,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trials::motion::Motion;
     use rand::SeedableRng;
 
     #[test]
@@ -232,6 +234,21 @@ mod tests {
             let meant = (at(100) + 0.5 * at(140)) / energy.sqrt();
             // Rounding of a few hundred steps; energy left beyond what is counted: 1e-8 of it.
             assert!((heard - meant).abs() < 1e-7, "{i}: {heard} {meant}");
+        }
+    }
+
+    #[test]
+    fn places_before_a_run_up_are_struck_by_nothing_and_the_record_ends() {
+        // A quarter of the strikes are drawn before the record, many of them where the ramp, run backwards, has turned round.
+        for seed in 0..20 {
+            let mut random = Pcg64Mcg::seed_from_u64(seed);
+            let turn = Turn::draw(Motion::Ramp(0.55, 1.1), 20.0, 2.0, &mut random);
+            let modulation = (1.0, 0.0);
+            let strikes =
+                Strikes { order: 1.0, jitter: 20.0, drift: 0.0, scatter: 0.0, modulation };
+            let struck = strikes.make(&turn, 2000, 1e3, &mut random);
+            let n_struck = struck.iter().filter(|s| **s > 0.0).count();
+            assert!(n_struck <= 80, "{n_struck} strikes of 33 turns");
         }
     }
 

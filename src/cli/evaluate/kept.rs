@@ -116,11 +116,11 @@ mod tests {
     use crate::trials::Trial;
     use crate::trials::defect::Defect;
     use crate::trials::drawn;
-    use crate::trials::drawn::plant::Pace;
+    use crate::trials::drawn::plant::Kind;
 
     fn drawn(number: u64) -> Trial {
         let defect = Some((Defect::OuterRace, (5.0, 10.0)));
-        let setting = drawn::Setting { pace: Pace::Usual, defect, number, seed: 7 };
+        let setting = drawn::Setting { kind: Kind::Usual, defect, number, seed: 7 };
         drawn::trial("drawn", &setting).unwrap()
     }
 

@@ -22,7 +22,7 @@ use crate::machine::bearing::FaultOrders;
 use crate::machine::file::MachineFileErrors;
 use crate::pipeline::SpeedHints;
 use crate::units::Unit;
-use plant::Pace;
+use plant::Kind;
 use plant::Plant;
 use plant::Told;
 use rand::RngExt;
@@ -36,8 +36,8 @@ pub const MAX_NUMBER: u64 = 64;
 /// One trial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
-    /// How fast the machine turns.
-    pub pace: Pace,
+    /// What kind of machine.
+    pub kind: Kind,
     /// What is damaged at the first bearing, and the range of the power of its ringing over that of the noise where it is
     /// heard best, dB.
     pub defect: Option<(Defect, (f64, f64))>,
@@ -65,7 +65,7 @@ const FAR: (f64, f64) = (0.1, 0.6);
 pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors> {
     let number = setting.seed.wrapping_mul(MAX_NUMBER).wrapping_add(setting.number);
     let mut random = Pcg64Mcg::seed_from_u64(number);
-    let plant = Plant::draw(setting.pace, &mut random)?;
+    let plant = Plant::draw(setting.kind, &mut random)?;
     let mut sounds = Sounds::draw(&plant, setting.defect.is_none(), &mut random);
     let mut name = format!("{group}, seed {}, number {}: {plant}", setting.seed, setting.number);
     if let Some((defect, db)) = setting.defect {
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn the_seed_makes_the_record_and_every_number_another() {
-        let setting = |number| Setting { pace: Pace::Usual, defect: Some(DEFECT), number, seed: 7 };
+        let setting = |number| Setting { kind: Kind::Usual, defect: Some(DEFECT), number, seed: 7 };
         let make = |number: u64| trial("t", &setting(number)).unwrap();
         let (one, again, other) = (make(1), make(1), make(2));
         assert_eq!(one.name, again.name);
@@ -232,7 +232,7 @@ mod tests {
         let (mut rates, mut told, mut names) = (BTreeSet::new(), Vec::new(), BTreeSet::new());
         for number in 0..150 {
             let mut random = Pcg64Mcg::seed_from_u64(number);
-            let plant = Plant::draw(Pace::Usual, &mut random).unwrap();
+            let plant = Plant::draw(Kind::Usual, &mut random).unwrap();
             rates.insert(plant.rate.0.to_bits());
             told.push((plant.told, plant.n_sensors, plant.machine.bearings.len()));
             let first = |name: &String| name.split(' ').next().unwrap_or_default().to_owned();
@@ -251,10 +251,10 @@ mod tests {
 
     #[test]
     fn slow_and_fast_machines_turn_so() {
-        for (pace, range) in [(Pace::Slow, 0.5..8.0), (Pace::Fast, 50.0..500.0)] {
+        for (kind, range) in [(Kind::Slow, 0.5..8.0), (Kind::Fast, 50.0..500.0)] {
             for number in 0..20 {
                 let mut random = Pcg64Mcg::seed_from_u64(number);
-                let plant = Plant::draw(pace, &mut random).unwrap();
+                let plant = Plant::draw(kind, &mut random).unwrap();
                 // Half of a ramp of 15 % to either side, a wander of 0.3 %.
                 let speed_hz = plant.mean_speed().0;
                 assert!(range.start * 0.9 < speed_hz && speed_hz < range.end * 1.1, "{plant}");
@@ -263,10 +263,24 @@ mod tests {
     }
 
     #[test]
+    fn bearings_that_are_alike_have_the_same_rates_and_a_sensor_each() {
+        let mut n_bearings = BTreeSet::new();
+        for number in 0..20 {
+            let mut random = Pcg64Mcg::seed_from_u64(number);
+            let plant = Plant::draw(Kind::Alike, &mut random).unwrap();
+            let bearings = &plant.machine.bearings;
+            assert!(bearings.iter().all(|b| b.fault_orders() == bearings[0].fault_orders()));
+            assert!(plant.n_sensors >= bearings.len());
+            n_bearings.insert(bearings.len());
+        }
+        assert_eq!(n_bearings, BTreeSet::from([2, 3, 4]));
+    }
+
+    #[test]
     fn a_defect_rings_as_loud_as_stated_at_the_first_sensor() {
         for seed in 0..4 {
             let mut random = Pcg64Mcg::seed_from_u64(seed);
-            let plant = Plant::draw(Pace::Usual, &mut random).unwrap();
+            let plant = Plant::draw(Kind::Usual, &mut random).unwrap();
             let mut sounds = Sounds::silent(&plant);
             let strikes = strikes(&plant, Defect::OuterRace, &mut random);
             let power = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>() / x.len() as f64;

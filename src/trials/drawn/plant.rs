@@ -33,18 +33,20 @@ const MAX_SAMPLES: f64 = 800_000.0;
 /// A record shorter than this has its speed written down or a tacho, s: no signal tells it better than 1/T.
 const TELLS_SPEED_S: f64 = 2.0;
 
-/// How fast a machine turns, and what is recorded of such.
+/// What kind of machine it is, and what is recorded of such.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pace {
+pub enum Kind {
     /// Mills, mixers, wind turbines.
     Slow,
     /// Motors, pumps, fans.
     Usual,
     /// Spindles, compressors, turbines.
     Fast,
+    /// As usual, with bearings of one type.
+    Alike,
 }
 
-impl Pace {
+impl Kind {
     /// Name of its trials in tables.
     #[must_use]
     pub fn group(self) -> &'static str {
@@ -52,6 +54,7 @@ impl Pace {
             Self::Slow => "drawn, slow",
             Self::Usual => "drawn",
             Self::Fast => "drawn, fast",
+            Self::Alike => "drawn, alike",
         }
     }
 
@@ -59,7 +62,7 @@ impl Pace {
     fn speed_hz(self) -> (f64, f64) {
         match self {
             Self::Slow => (0.5, 8.0),
-            Self::Usual => (8.0, 50.0),
+            Self::Usual | Self::Alike => (8.0, 50.0),
             Self::Fast => (50.0, 500.0),
         }
     }
@@ -68,7 +71,7 @@ impl Pace {
     fn duration_s(self) -> (f64, f64) {
         match self {
             Self::Slow => (20.0, 100.0),
-            Self::Usual | Self::Fast => (1.0, 20.0),
+            Self::Usual | Self::Fast | Self::Alike => (1.0, 20.0),
         }
     }
 
@@ -76,8 +79,16 @@ impl Pace {
     fn rates_hz(self) -> &'static [f64] {
         match self {
             Self::Slow => &RATES_HZ[..6],
-            Self::Usual => &RATES_HZ,
+            Self::Usual | Self::Alike => &RATES_HZ,
             Self::Fast => &RATES_HZ[9..],
+        }
+    }
+
+    /// Bearings at least and at most.
+    fn n_bearings(self) -> (usize, usize) {
+        match self {
+            Self::Slow | Self::Usual | Self::Fast => (1, 2),
+            Self::Alike => (2, 4),
         }
     }
 }
@@ -140,24 +151,25 @@ impl Plant {
     ///
     /// # Errors
     /// Never, as long as what is drawn makes a machine file.
-    pub fn draw(pace: Pace, random: &mut Pcg64Mcg) -> Result<Self, MachineFileErrors> {
-        let rates_hz = pace.rates_hz();
+    pub fn draw(kind: Kind, random: &mut Pcg64Mcg) -> Result<Self, MachineFileErrors> {
+        let rates_hz = kind.rates_hz();
         let rate = Hz(rates_hz[random.random_range(0..rates_hz.len())]);
-        let drawn_s = log_uniform(pace.duration_s(), random);
+        let drawn_s = log_uniform(kind.duration_s(), random);
         let n_samples = crate::dsp::real::floor_index((drawn_s * rate.0).min(MAX_SAMPLES));
         let duration_s = n_samples as f64 / rate.0;
-        let speed_hz = log_uniform(pace.speed_hz(), random);
+        let speed_hz = log_uniform(kind.speed_hz(), random);
         let told = Told::draw(duration_s, random);
         let turn = Turn::draw(motion(told, random), speed_hz, duration_s, random);
         let turned: Vec<f64> =
             (0..n_samples).map(|i| turn.revolutions(i as f64 / rate.0)).collect();
         let mean_hz = turn.revolutions(duration_s) / duration_s;
-        let n_bearings = random.random_range(1..=2_usize);
+        let (fewest, most) = kind.n_bearings();
+        let n_bearings = random.random_range(fewest..=most);
         let n_sensors = n_bearings + usize::from(random.random_bool(0.3));
         let mains_hz = if random.random_bool(0.5) { 50.0 } else { 60.0 };
         let line_hz = random.random_bool(0.7).then_some(mains_hz);
         let plate_hz = mean_hz * (1.0 + random.random_range(-NAME_PLATE..NAME_PLATE));
-        let text = text(plate_hz, line_hz, (n_bearings, n_sensors), told, random);
+        let text = text(plate_hz, line_hz, (kind, n_bearings, n_sensors), told, random);
         let written = mean_hz * (1.0 + random.random_range(-WRITTEN..WRITTEN));
         Ok(Self {
             machine: Arc::new(file::parse(&text, "drawn")?),
@@ -234,11 +246,23 @@ pub fn channel(sensor: usize) -> String {
     format!("a{sensor}")
 }
 
+/// What a machine file says of a bearing's inside.
+fn geometry(random: &mut Pcg64Mcg) -> String {
+    let elements = random.random_range(7..=19_u32);
+    let most = (2.4 / f64::from(elements)).min(0.32);
+    let element_mm = PITCH_MM * random.random_range(0.12..most.max(0.125));
+    let angle_deg = if random.random_bool(0.6) { 0.0 } else { random.random_range(5.0..40.0) };
+    format!(
+        "elements = {elements}\nelement_diameter_mm = {element_mm:?}\npitch_diameter_mm = {PITCH_MM:?}\n\
+         contact_angle_deg = {angle_deg:?}\n"
+    )
+}
+
 /// The machine file.
 fn text(
     plate_hz: f64,
     line_hz: Option<f64>,
-    (n_bearings, n_sensors): (usize, usize),
+    (kind, n_bearings, n_sensors): (Kind, usize, usize),
     told: Told,
     random: &mut Pcg64Mcg,
 ) -> String {
@@ -253,17 +277,12 @@ fn text(
             "[[motor]]\nshaft = \"main\"\npoles = {poles}\nline_frequency_hz = {line_hz:?}\n"
         );
     }
+    let mut inside = geometry(random);
     for bearing in 0..n_bearings {
-        let elements = random.random_range(7..=19_u32);
-        let most = (2.4 / f64::from(elements)).min(0.32);
-        let element_mm = PITCH_MM * random.random_range(0.12..most.max(0.125));
-        let angle_deg = if random.random_bool(0.6) { 0.0 } else { random.random_range(5.0..40.0) };
-        let _ = write!(
-            text,
-            "[[bearing]]\nid = \"b{bearing}\"\nshaft = \"main\"\nelements = {elements}\n\
-             element_diameter_mm = {element_mm:?}\npitch_diameter_mm = {PITCH_MM:?}\n\
-             contact_angle_deg = {angle_deg:?}\n"
-        );
+        if bearing > 0 && kind != Kind::Alike {
+            inside = geometry(random);
+        }
+        let _ = write!(text, "[[bearing]]\nid = \"b{bearing}\"\nshaft = \"main\"\n{inside}");
     }
     for sensor in 0..n_sensors {
         let at = if sensor < n_bearings {
