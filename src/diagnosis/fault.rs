@@ -43,7 +43,7 @@ pub enum ComponentKind {
     Gear,
     /// Sensor (does not change the whole).
     Sensor,
-    /// The machine as a whole: abnormal level, cause not proven.
+    /// The machine as a whole: abnormal, cause not proven.
     Machine,
 }
 

@@ -2,6 +2,7 @@
 
 use super::Context;
 use super::baseline::Comparison;
+use super::bearing::Unplaced;
 use super::confidence;
 use super::fault::ComponentKind;
 use super::fault::Detector;
@@ -30,12 +31,14 @@ struct Finding {
     evidence: Evidence,
 }
 
-/// Judges the level; `explained`: a component is accused already, so a raised level adds no cause.
+/// Judges the level; `explained`: a component is accused already, so a raised level adds no cause. `unplaced`: damage of a bearing that none
+/// can be accused of by itself.
 #[must_use]
 pub fn judge(
     features: &WindowFeatures,
     context: &Context<'_>,
     explained: bool,
+    unplaced: Option<Unplaced>,
 ) -> ComponentDiagnosis {
     let mut verdict = ComponentDiagnosis::undetermined(
         &context.machine.id,
@@ -71,8 +74,24 @@ pub fn judge(
         }
         (_, None) => {}
     }
+    if let Some(found) = unplaced {
+        blame_whole(&mut verdict, &found);
+    }
     verdict.evidence = findings.into_iter().map(|f| f.evidence).collect();
     verdict
+}
+
+/// Accuses the machine of what is damaged in one of several bearings, which is not told: abnormal, whatever its level.
+fn blame_whole(verdict: &mut ComponentDiagnosis, found: &Unplaced) {
+    let level = verdict.severity.filter(|_| verdict.state.is_accusation());
+    let besides = level.map_or_else(String::new, |_| format!("; besides, {}", verdict.why));
+    let severity = level.unwrap_or(0.0).max(found.severity);
+    verdict.state = severity::state(severity);
+    verdict.fault = Some(FaultMode::AbnormalLevel);
+    verdict.severity = Some(severity);
+    verdict.confidence =
+        Some(found.confidence.max(verdict.confidence.filter(|_| level.is_some()).unwrap_or(0.0)));
+    verdict.why = format!("{}{besides}", found.why);
 }
 
 /// Velocity RMS against the limits in force.
@@ -185,5 +204,29 @@ mod tests {
         assert_eq!(state(2.8, Some(2.8), None), State::Healthy);
         assert_eq!(state(4.4, None, Some(4.5)), State::Healthy);
         assert_eq!(state(4.6, None, Some(4.5)), State::Damaged);
+    }
+
+    #[test]
+    fn damage_of_one_of_several_bearings_is_the_machines_and_keeps_what_the_level_says() {
+        let found = Unplaced { severity: 0.45, confidence: 0.8, why: "a or b".to_owned() };
+        let open = || {
+            let why = "no limits".to_owned();
+            ComponentDiagnosis::undetermined("m", ComponentKind::Machine, why)
+        };
+        let mut alone = open();
+        blame_whole(&mut alone, &found);
+        assert_eq!((alone.state, alone.fault), (State::Warning, Some(FaultMode::AbnormalLevel)));
+        assert_eq!((alone.severity, alone.confidence), (Some(0.45), Some(0.8)));
+        assert_eq!(alone.why, "a or b");
+        let mut loud = ComponentDiagnosis {
+            state: State::Damaged,
+            fault: Some(FaultMode::AbnormalLevel),
+            severity: Some(0.7),
+            confidence: Some(0.9),
+            ..open()
+        };
+        blame_whole(&mut loud, &found);
+        assert_eq!((loud.state, loud.severity), (State::Damaged, Some(0.7)));
+        assert_eq!((loud.confidence, loud.why.as_str()), (Some(0.9), "a or b; besides, no limits"));
     }
 }

@@ -54,10 +54,11 @@ impl Context<'_> {
 /// Judges every component of the machine in one window.
 #[must_use]
 pub fn assess(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
-    let mut components = bearing::judge(features, context);
+    let (mut components, unplaced) = bearing::judge(features, context);
     components.extend(rotation::judge(features, &components, context));
     let explained = components.iter().any(|c| c.state.is_accusation());
-    components.push(level::judge(features, context, explained));
+    let unplaced = unplaced.filter(|_| !explained);
+    components.push(level::judge(features, context, explained, unplaced));
     components.extend(sensor::judge(features, context));
     components
 }

@@ -45,7 +45,7 @@ export function quantity(value, unit, figures = 3) {
 export const hertz = (value) => (value === null || value === undefined ? "–" : `${number(value, 4)} Hz`);
 export const percent = (value) => (value === null || value === undefined ? "–" : `${Math.round(value * 100)} %`);
 
-const FAULTS = { rolling_element: "rolling element", abnormal_level: "abnormal level, cause not proven" };
+const FAULTS = { rolling_element: "rolling element", abnormal_level: "abnormal, cause not proven" };
 
 export const words = (name) => FAULTS[name] ?? (name ?? "").replaceAll("_", " ");
 export const fault = (name, state) =>

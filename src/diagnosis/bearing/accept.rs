@@ -2,6 +2,8 @@
 
 use super::candidate::Candidate;
 use super::owner;
+use super::place;
+use super::place::Rival;
 use crate::features::WindowFeatures;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
@@ -26,6 +28,8 @@ pub(super) struct Accepted<'a> {
     pub(super) spacing: Hz,
     /// Channel it was heard in, and the power it carries there.
     pub(super) heard: (ChannelIndex, f64),
+    /// The other bearings whose it may be by its rate alone, loudest first.
+    pub(super) rivals: Vec<Rival>,
     /// Whose it is; several where it cannot be decided; none if it is heard best where it may be the
     /// shaft's events that passing elements modulate.
     pub(super) owners: Vec<&'a LineSearch>,
@@ -126,10 +130,12 @@ pub(super) fn accept_among<'a>(
         let search = heard_best(features, candidate, best.frequency, accepted);
         let heard = Candidate::weigh(search, accepted, n_looks(features, search.bearing));
         let is_own = heard.is_proven();
+        let rivals = place::rivals(features, &heard, best.frequency, accepted);
         accepted.push(Accepted {
             frequency: best.frequency,
             spacing: search.side_band_spacing,
-            heard: (search.channel, heard.line_power()),
+            heard: (search.channel, heard.power.heard()),
+            rivals,
             owners: if is_own {
                 owner::owners(features, search, best.frequency)
             } else {
@@ -165,7 +171,7 @@ pub(super) fn heard_best<'a>(
             c.best.as_ref().is_some_and(|b| (b.frequency.0 - frequency.0).abs() <= near)
         })
         .filter(|c| !candidate.outdoes_events_at(c.search))
-        .max_by(|a, b| a.line_power().total_cmp(&b.line_power()))
+        .max_by(|a, b| a.power.heard().total_cmp(&b.power.heard()))
         .map_or(candidate.search, |c| c.search)
 }
 
@@ -177,7 +183,7 @@ mod tests {
     fn blows_explain_their_high_harmonics() {
         let (frequency, spacing) = (Hz(53.682), Hz(15.0));
         let heard = (ChannelIndex(0), 1.0);
-        let line = Accepted { frequency, spacing, heard, owners: Vec::new() };
+        let line = Accepted { frequency, spacing, heard, rivals: Vec::new(), owners: Vec::new() };
         let explains = |f: f64| line.explains(Hz(f), Hz(0.39));
         assert!(explains(6.0 * 53.682) && explains(12.0 * 53.682) && !explains(13.0 * 53.682));
         // The fourth harmonic of 80.45 Hz is their sixth.

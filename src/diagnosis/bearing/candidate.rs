@@ -3,6 +3,8 @@
 
 use super::accept::Accepted;
 use super::owner;
+use super::place::Rival;
+use super::power::LinePower;
 use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::bearing;
@@ -21,9 +23,6 @@ const OVERHEARD_POWER: f64 = 10.0;
 /// impacts is white; a motion without jumps in speed falls by 12 dB an octave, 19 dB from the middle of the
 /// lowest quarter to that of the next: the limit lies halfway.
 const SMOOTH_POWER: f64 = 0.1;
-
-/// Bands whose widths differ by less than this factor are of one kind.
-const ALIKE: f64 = 1.2;
 
 /// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
 const OUTDOES: f64 = 2.0;
@@ -61,62 +60,9 @@ pub(super) struct Candidate<'a> {
     /// Depth that a quarter of the bands reach.
     agreed_depth: f64,
     /// Where in the spectrum its power is.
-    power: LinePower,
-}
-
-/// Power a line carries, u².
-#[derive(Debug, Clone, Copy, Default)]
-struct LinePower {
-    /// In the lowest band, or the lowest octave of it where it is wide, whether it shows the line or not.
-    lowest: f64,
-    /// The same if it shows the line, else 0.
-    lowest_shown: f64,
-    /// Upper edge of that band.
-    lowest_top: Hz,
-    /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
-    above: Option<f64>,
-    /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
-    is_hidden_above: bool,
-    /// Of the narrowest bands that show the line: in the strongest that a tone leads, and in the strongest of the others that nothing
-    /// else explains; 0 if none does.
-    of_tone: f64,
-    of_blows: f64,
-}
-
-impl LinePower {
-    /// From the readings as measured (a whitened band has no power of its own), `octaves` those of the lowest band where it is wide.
-    fn of(
-        (readings, octaves): (&[BandReading], &[BandReading]),
-        own: impl Fn(&BandReading) -> bool,
-        stands: impl Fn(&BandReading) -> bool,
-    ) -> Self {
-        let raw = || readings.iter().filter(|r| !r.band.whitened);
-        let shows = |r: &BandReading| own(r) && stands(r);
-        let width = |r: &BandReading| r.band.high.0 - r.band.low.0;
-        let narrowest = raw().map(width).fold(f64::INFINITY, f64::min);
-        let is_narrow = |r: &&BandReading| width(r) < ALIKE * narrowest;
-        let strongest = |found: &dyn Fn(&BandReading) -> bool| {
-            let of_band = raw().filter(is_narrow).filter(|r| found(r));
-            of_band.map(|r| r.total_depth() * r.mean_square).fold(0.0, f64::max)
-        };
-        let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
-        let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
-        let above = || raw().chain(octaves).filter(is_above);
-        let power = |r: &BandReading| r.total_depth() * r.mean_square;
-        let shown = |r: &BandReading| if shows(r) { power(r) } else { 0.0 };
-        let touching = raw().chain(octaves).filter(|r| r.band.low.0 <= floor_hz);
-        let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
-        Self {
-            lowest: lowest.map_or(0.0, power),
-            lowest_shown: lowest.map_or(0.0, shown),
-            lowest_top: lowest.map_or(Hz(0.0), |r| r.band.high),
-            above: above().map(shown).max_by(f64::total_cmp),
-            // A tone that is modulated is no blow that hides others.
-            is_hidden_above: !above().any(|r| own(r) || r.carrier.is_some()),
-            of_tone: strongest(&|r| r.carrier.is_some() && stands(r)),
-            of_blows: strongest(&|r| r.carrier.is_none() && shows(r)),
-        }
-    }
+    pub(super) power: LinePower,
+    /// The loudest of the other bearings whose it may be by its rate alone, once it is accepted.
+    pub(super) rival: Option<Rival>,
 }
 
 /// Whether a line lives in the lowest band alone in all the channels that listen for it (C12): struck metal
@@ -160,17 +106,6 @@ impl<'a> Candidate<'a> {
         if self.n_bands == 0 { 0.0 } else { self.n_noted as f64 / self.n_bands as f64 }
     }
 
-    /// Power the line carries above the lowest band, or in it if nowhere else: what decides who hears it
-    /// best. High frequencies die out on their way, low ones shake the whole machine.
-    pub(super) fn line_power(&self) -> f64 {
-        self.power.above.filter(|above| *above > 0.0).unwrap_or(self.power.lowest_shown)
-    }
-
-    /// Upper edge of the lowest band, in which a smooth motion lives (C12).
-    pub(super) fn motion_top(&self) -> Hz {
-        self.power.lowest_top
-    }
-
     pub(super) fn power_ratio(&self) -> f64 {
         let fundamental = self.best.as_ref().and_then(|b| b.harmonics[0]);
         fundamental.map_or(0.0, |h| h.power_ratio)
@@ -202,6 +137,7 @@ impl<'a> Candidate<'a> {
         // A line is weighed as it was accepted: against those accepted before it.
         let before = accepted.iter().take_while(|a| !a.is_of(search.bearing, search.line));
         let before: Vec<&Accepted<'_>> = before.collect();
+        let found = accepted.get(before.len());
         let explained = |f: Hz| before.iter().any(|a| a.explains(f, search.resolution));
         let own = |r: &BandReading| fit(r) && !explained(r.frequency);
         let alone = |readings: &[BandReading]| -> Vec<BandReading> {
@@ -231,6 +167,7 @@ impl<'a> Candidate<'a> {
             broad_probability: paid(MOST),
             narrow_probability: paid(A_QUARTER),
             best: showing.first().map(|r| (*r).clone()),
+            rival: found.and_then(|a| a.rivals.first().copied()),
         }
     }
 
@@ -314,7 +251,7 @@ impl<'a> Candidate<'a> {
             let elsewhere = !a.owners.is_empty()
                 && a.owners.iter().all(|s| s.bearing != self.search.bearing)
                 && a.heard.0 != self.search.channel;
-            elsewhere && a.heard.1 >= OVERHEARD_POWER * self.line_power()
+            elsewhere && a.heard.1 >= OVERHEARD_POWER * self.power.heard()
         })
     }
 
@@ -331,6 +268,11 @@ impl<'a> Candidate<'a> {
                 && !here.is_modulated_shaft()
                 && here.over_events() >= OUTDOES * there.over_events()
         })
+    }
+
+    /// How probable it is that its own bearing makes it: its part of the power of that and of the loudest of those that may make it, too (C45).
+    pub(super) fn share(&self) -> f64 {
+        1.0 / (1.0 + self.rival.map_or(0.0, |rival| rival.power_ratio))
     }
 
     /// Whether a band shows a line of effect, though too few do to accuse.
@@ -467,6 +409,7 @@ mod tests {
             frequency: Hz(200.0),
             spacing: Hz(100.0),
             heard: (ChannelIndex(0), 1.0),
+            rivals: Vec::new(),
             owners: Vec::new(),
         };
         let beside = Candidate::weigh(&weak, &[other], 4.0);

@@ -8,6 +8,7 @@ use super::candidate::Candidate;
 use super::grown;
 use super::looked;
 use super::owner;
+use super::place;
 use super::risen;
 use super::said;
 use super::sentence;
@@ -41,6 +42,8 @@ pub(super) struct Sorted<'c> {
 /// Why a proven line does not accuse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Doubt {
+    /// Another bearing may have its rate, and nothing tells which of them it comes from (C45).
+    Unplaced,
     /// A rolling element's line without the side bands of the cage.
     Bare,
     /// A cage's line that unequal elements make as well.
@@ -147,6 +150,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::NotGrown)
     } else if !line.is_agreed() {
         Says::Few
+    } else if !elsewhere(line, seen).is_empty() {
+        Says::Doubt(Doubt::Unplaced)
     } else if others.is_empty() {
         Says::Proven
     } else {
@@ -162,7 +167,8 @@ pub(super) fn why_open(
     seen: &Seen<'_>,
 ) -> Option<String> {
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
-        Doubt::Bare
+        Doubt::Unplaced
+        | Doubt::Bare
         | Doubt::Carried
         | Doubt::Lone
         | Doubt::OfElements
@@ -176,6 +182,7 @@ pub(super) fn why_open(
         Doubt::NearLimit => !has_not_grown(line, seen),
     });
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
+        Doubt::Unplaced => said::unplaced(line, &elsewhere(line, seen), seen.context),
         Doubt::Bare => said::without_cage(line, seen.context),
         Doubt::Carried => said::carried(line, seen.context),
         Doubt::Lone => said::lone(line, seen.context),
@@ -217,6 +224,42 @@ pub(super) fn why_open(
         .or_else(|| half_deep(candidates, seen))
         .or_else(|| looked::hidden(searches, seen))
         .or_else(|| lent(seen))
+        .or_else(|| as_loud_here(seen))
+}
+
+impl<'c> Sorted<'c> {
+    /// The deepest of the lines that would accuse if it were told which bearing they come from.
+    pub(super) fn unplaced(&self) -> Option<&'c Candidate<'c>> {
+        let unplaced = self.doubts.iter().filter(|(doubt, _)| *doubt == Doubt::Unplaced);
+        let lines = unplaced.map(|(_, line)| *line);
+        lines.max_by(|a, b| a.depth().total_cmp(&b.depth()))
+    }
+}
+
+/// The other bearings that a line may come from as well: those it is as loud at, and those that share its sensor or have none (C45).
+pub(super) fn elsewhere(line: &Candidate<'_>, seen: &Seen<'_>) -> Vec<BearingIndex> {
+    let own = line.search.bearing;
+    let found = seen.accepted.iter().filter(|a| a.is_of(own, line.search.line));
+    let mut others: Vec<BearingIndex> = found
+        .flat_map(|a| {
+            let as_loud = a.rivals.iter().filter(|r| r.is_as_loud()).map(|r| r.bearing);
+            as_loud.chain(a.owners.iter().map(|s| s.bearing)).filter(|bearing| *bearing != own)
+        })
+        .chain(place::unheard(line, seen.features, seen.context))
+        .collect();
+    others.sort();
+    others.dedup();
+    others
+}
+
+/// A line that is heard at another bearing and may be this one's, as loud as it is here (C45).
+fn as_loud_here(seen: &Seen<'_>) -> Option<String> {
+    let is_here = |a: &&Accepted<'_>| {
+        a.rivals.iter().any(|rival| rival.bearing == seen.bearing && rival.is_as_loud())
+    };
+    let line = seen.accepted.iter().find(is_here)?;
+    let heard = line.owners.first()?;
+    Some(said::as_loud(line.frequency, heard, seen.context))
 }
 
 /// A line that is heard as another bearing's race, and may be this one's (C44).
@@ -374,7 +417,7 @@ fn is_of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 /// Whether the band a smooth motion lives in ends below what structures ring at (C43): an octave that is cut no further ends below twice
 /// what it must hold. That of fast lines reaches further up, and blows that ring inside it look as smooth.
 fn is_below_ringing(line: &Candidate<'_>) -> bool {
-    line.motion_top().0 <= 2.0 * bands::MOTION.0
+    line.power.lowest_top.0 <= 2.0 * bands::MOTION.0
 }
 
 /// Whether it is smooth and nothing hides what it may do above.

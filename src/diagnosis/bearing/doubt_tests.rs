@@ -4,6 +4,7 @@ use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::Usual;
+use crate::diagnosis::bearing::Unplaced;
 use crate::diagnosis::bearing::judge;
 use crate::diagnosis::confidence;
 use crate::diagnosis::fault::FaultMode;
@@ -141,8 +142,18 @@ pub(in crate::diagnosis::bearing) fn judged_at(
     speed: Speed,
     moved: f64,
     lines: Vec<LineSearch>,
-    (absolute_lines, combs, impulses): (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
+    others: (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
 ) -> Vec<ComponentDiagnosis> {
+    told_at(speed, moved, lines, others).0
+}
+
+/// The same, and what is damaged though it is not told where.
+pub(in crate::diagnosis::bearing) fn told_at(
+    speed: Speed,
+    moved: f64,
+    lines: Vec<LineSearch>,
+    (absolute_lines, combs, impulses): (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
+) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
     let machine = file::parse(MACHINE, "m.toml").unwrap();
     let mut bearing_lines = lines;
     for bearing in 0..2 {

@@ -13,6 +13,8 @@ mod evidence;
 mod grown;
 mod looked;
 mod owner;
+mod place;
+mod power;
 mod risen;
 mod said;
 mod struck;
@@ -39,6 +41,7 @@ use candidate::Candidate;
 use doubt::Seen;
 use doubt::Sorted;
 use grown::Growth;
+pub use place::Unplaced;
 use struck::Struck;
 
 /// Lines of several elements: the strongest must lead the next by this power ratio (6 dB).
@@ -47,26 +50,32 @@ const LEAD_POWER_RATIO: f64 = 4.0;
 /// A significant line this deep competes with a stronger one; below, it is a trace of it.
 const COMPETING_DEPTH: f64 = severity::WARNING_DEPTH / 2.0;
 
-/// Judges all bearings.
+/// Judges all bearings, and tells of damage that no single one can be accused of.
 #[must_use]
-pub fn judge(features: &WindowFeatures, context: &Context<'_>) -> Vec<ComponentDiagnosis> {
+pub fn judge(
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
     let accepted = accept::accept(features);
-    let mut verdicts = judge_all(features, context, &accepted);
+    let (mut verdicts, unplaced) = judge_all(features, context, &accepted);
     // A line that stands confirms the speed as well as slip lets it, and what it is of strikes.
     if accepted.is_empty() {
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
         blows::reopen(&mut verdicts, features, context);
     }
-    verdicts
+    (verdicts, unplaced)
 }
 
 fn judge_all(
     features: &WindowFeatures,
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
-) -> Vec<ComponentDiagnosis> {
+) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
     let bearings = (0..context.machine.bearings.len()).map(BearingIndex);
-    bearings.map(|bearing| judge_one(bearing, features, context, accepted)).collect()
+    let judged = bearings.map(|bearing| judge_one(bearing, features, context, accepted));
+    let (verdicts, unplaced): (Vec<_>, Vec<_>) = judged.unzip();
+    let worst = unplaced.into_iter().flatten().max_by(|a, b| a.severity.total_cmp(&b.severity));
+    (verdicts, worst)
 }
 
 /// Leaves bearings open that another speed of a shaft would accuse: the one that is written down may be wrong (F22).
@@ -91,7 +100,7 @@ fn reopen(
         channels,
         ..features.clone()
     };
-    let accused = judge_all(&there, context, &accept::accept(&there));
+    let (accused, _) = judge_all(&there, context, &accept::accept(&there));
     for (verdict, there) in verdicts.iter_mut().zip(accused) {
         if verdict.state == State::Healthy && there.state.is_accusation() {
             let at = features.speed.first.map_or(0.0, |first| first.0);
@@ -110,20 +119,20 @@ fn reopen(
     }
 }
 
-/// Judges one bearing by the lines accepted for it.
+/// Judges one bearing by the lines accepted for it; what would accuse it, were it told that it comes from here.
 fn judge_one(
     bearing: BearingIndex,
     features: &WindowFeatures,
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
-) -> ComponentDiagnosis {
+) -> (ComponentDiagnosis, Option<Unplaced>) {
     let searches: Vec<&LineSearch> =
         features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
     let id = &context.machine.bearing(bearing).id;
     let mut verdict = ComponentDiagnosis::undetermined(id, ComponentKind::Bearing, String::new());
     if let Some(why) = looked::cannot_look(bearing, &searches, features, context) {
         verdict.why = why;
-        return verdict;
+        return (verdict, None);
     }
     let looks = accept::n_looks(features, bearing);
     let candidates: Vec<Candidate<'_>> = searches
@@ -142,7 +151,13 @@ fn judge_one(
     if verdict.state == State::Undetermined {
         verdict.why.push_str(&said::wide_band(bearing, context));
     }
-    verdict
+    let is_sure = |line: &&Candidate<'_>| line.probability() <= context.false_alarm_probability;
+    let unplaced = sorted.unplaced().filter(is_sure).map(|line| Unplaced {
+        severity: severity::not_damaged(severity::of_depth(line.depth())),
+        confidence: confidence_in(line, features, 1.0),
+        why: said::unplaced(line, &doubt::elsewhere(line, &seen), context),
+    });
+    (verdict, unplaced)
 }
 
 /// Fills in what is said of a bearing: what accuses it, strongest first, else what leaves it open, else its health.
@@ -176,7 +191,7 @@ fn decide(
         verdict.why = why;
         return;
     }
-    if let Some(risen) = risen::strongest(seen) {
+    if let Some(risen) = risen::strongest(seen).filter(|_| sorted.unplaced().is_none()) {
         return risen.warn(verdict, seen);
     }
     let open = doubt::why_open(&sorted.doubts, candidates, searches, seen);
@@ -214,7 +229,7 @@ fn accuse(
     let leads = rival.is_none_or(|r| {
         first.power_ratio() >= LEAD_POWER_RATIO * r.power_ratio() && first.n_showing > r.n_showing
     });
-    verdict.why = sentence(first, context);
+    verdict.why = sentence(first, context) + &said::told_by_loudness(first, context);
     if let Some(ratio) = growth {
         let also = format!("; in the absolute vibration it is {ratio:.0} times its baseline");
         verdict.why.push_str(&also);
@@ -225,13 +240,13 @@ fn accuse(
     if leads {
         verdict.state = severity::state(severity);
         verdict.fault = Some(fault_of(first.search.line));
-        verdict.confidence = Some(confidence_in(first, features));
+        verdict.confidence = Some(confidence_in(first, features, first.share()));
         verdict.other_faults = others
             .iter()
             .map(|c| OtherFault {
                 fault: fault_of(c.search.line),
                 severity: severity::of_depth(c.depth()),
-                confidence: confidence_in(c, features),
+                confidence: confidence_in(c, features, c.share()),
                 why: sentence(c, context),
             })
             .collect();
@@ -337,13 +352,14 @@ fn fault_of(line: DefectLine) -> FaultMode {
 }
 
 /// Confidence that state and fault are right (C5). Not calibrated yet: the product of what the speed,
-/// the agreement of bands and the distance from the threshold leave.
-fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures) -> f64 {
+/// the agreement of bands, the distance from the threshold and its `share` beside other bearings leave.
+fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures, share: f64) -> f64 {
     let agreement = 0.6 + 0.4 * candidate.part();
     let margin = 1.0
         - 0.25 * (severity::WARNING_DEPTH / candidate.depth().max(severity::WARNING_DEPTH)).powi(2);
     let speed = 0.5 + 0.5 * features.speed.confidence;
-    (agreement * margin * speed * (1.0 - candidate.probability())).min(0.99)
+    let known = agreement * margin * speed * (1.0 - candidate.probability());
+    (known * share).min(0.99)
 }
 
 fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {

@@ -17,7 +17,7 @@ pub(super) fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
         "{}; more than nine tenths of its power lie below {:.1} kHz, as of the motion that passing elements impose; impacts \
          ring above, too: not accused",
         sentence(line, context),
-        line.motion_top().0 / 1e3
+        line.power.lowest_top.0 / 1e3
     )
 }
 
@@ -91,6 +91,43 @@ pub(super) fn contested(
         "{}; side bands tell rather of another bearing's damage that is heard here: it may be {}, cause not proven",
         sentence(line, context),
         names.join(" or ")
+    )
+}
+
+/// What tells a line from another bearing's that may have its rate; empty where no other may (C45).
+pub(super) fn told_by_loudness(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    line.rival.map_or_else(String::new, |rival| {
+        format!(
+            "; {:.0} dB louder than what is heard of this rate, which {} may have as well, at that one",
+            -10.0 * rival.power_ratio.max(f64::MIN_POSITIVE).log10(),
+            context.machine.bearing(rival.bearing).id
+        )
+    })
+}
+
+/// Why a line that several bearings may make accuses none of them (C45).
+pub(super) fn unplaced(
+    line: &Candidate<'_>,
+    others: &[BearingIndex],
+    context: &Context<'_>,
+) -> String {
+    let all = std::iter::once(&line.search.bearing).chain(others);
+    let names: Vec<&str> =
+        all.map(|bearing| context.machine.bearing(*bearing).id.as_str()).collect();
+    format!(
+        "{}; the bearings {} may have this rate, and no sensors of theirs tell by 3 dB at which of them it is loudest: which is damaged is not told",
+        sentence(line, context),
+        names.join(" and ")
+    )
+}
+
+/// Why a bearing is not acquitted of what is heard as loud elsewhere, or may be (C45).
+pub(super) fn as_loud(at: Hz, heard: &LineSearch, context: &Context<'_>) -> String {
+    format!(
+        "{:.1} Hz in the envelope of {} may be {} or a line of this bearing: nothing is louder by 3 dB than at the other",
+        at.0,
+        context.channel_name(heard.channel),
+        named(heard, context)
     )
 }
 

@@ -58,7 +58,7 @@ pub(super) fn owners<'a>(
 }
 
 /// Whether `frequency` lies in the searched range, or no further `beyond` it than this part of the rate.
-fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> bool {
+pub(super) fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> bool {
     let (low, high) = reach::searched_range(search.line, search.expected, search.band);
     let margin = search.resolution.0 + beyond * search.expected.0;
     (low.0 - margin..=high.0 + margin).contains(&frequency.0)

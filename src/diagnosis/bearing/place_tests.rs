@@ -1,0 +1,112 @@
+//! One rate, several bearings with a sensor each: by how much louder one hears it.
+
+use super::super::doubt::tests::changed;
+use super::super::doubt::tests::search;
+use super::super::doubt::tests::told_at;
+use super::*;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::speed::Speed;
+
+fn told(lines: Vec<LineSearch>) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
+    told_at(Speed::unknown(), 1.0, lines, (Vec::new(), Vec::new(), Vec::new()))
+}
+
+/// BPFI of a, two harmonics 0.6 deep in four bands of power 1.
+fn own() -> LineSearch {
+    search(0, DefectLine::Bpfi, 0.6)
+}
+
+/// The same line at the other bearing's sensor, of this power; its harmonics stand out, or are what noise leaves.
+fn other(power: f64, stands: bool) -> LineSearch {
+    changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
+        reading.mean_square = power;
+        if !stands {
+            reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 3.0);
+        }
+    })
+}
+
+fn confidence(verdict: &ComponentDiagnosis) -> f64 {
+    verdict.confidence.unwrap_or_default()
+}
+
+#[test]
+fn a_line_twice_as_loud_at_one_bearing_is_that_ones_and_known_the_better_the_louder() {
+    let (alone, none) = told(vec![own()]);
+    assert_eq!((alone[0].fault, none), (Some(FaultMode::InnerRace), None));
+    let beside = |power: f64| {
+        let (verdicts, unplaced) = told(vec![own(), other(power, true)]);
+        assert_eq!(unplaced, None);
+        assert_eq!(verdicts[0].fault, Some(FaultMode::InnerRace), "{}", verdicts[0].why);
+        assert_eq!(verdicts[1].state, State::Healthy, "{}", verdicts[1].why);
+        confidence(&verdicts[0]) / confidence(&alone[0])
+    };
+    // Its part of the power of both.
+    for power in [0.4, 0.1, 0.01] {
+        assert!((beside(power) - 1.0 / (1.0 + power)).abs() < 1e-6, "{power}: {}", beside(power));
+    }
+}
+
+#[test]
+fn a_line_as_loud_at_two_bearings_accuses_neither_and_is_told_of_the_machine() {
+    for power in [0.6, 1.0, 1.6] {
+        let (verdicts, unplaced) = told(vec![own(), other(power, true)]);
+        for verdict in &verdicts {
+            assert_eq!(verdict.state, State::Undetermined, "{power}: {}", verdict.why);
+        }
+        let unplaced = unplaced.unwrap();
+        assert!((severity_floor()..0.5).contains(&unplaced.severity), "{}", unplaced.severity);
+        let names =
+            unplaced.why.contains("bearings a and b") || unplaced.why.contains("bearings b and a");
+        assert!(names && unplaced.why.contains("BPFI 150.0 Hz"), "{}", unplaced.why);
+    }
+}
+
+fn severity_floor() -> f64 {
+    crate::diagnosis::severity::WARNING
+}
+
+#[test]
+fn what_noise_hides_at_the_other_bearing_counts_from_twice_the_line_on() {
+    let is_open = |power: f64| {
+        let (verdicts, unplaced) = told(vec![own(), other(power, false)]);
+        assert_eq!(unplaced.is_some(), verdicts[0].state == State::Undetermined);
+        unplaced.is_some()
+    };
+    assert!(!is_open(1.0) && !is_open(1.9) && is_open(2.1));
+}
+
+#[test]
+fn a_line_louder_elsewhere_in_the_lowest_band_is_not_placed() {
+    let is_open = |low: f64| {
+        // At the other sensor next to nothing above the lowest band, and there this power.
+        let there = changed(other(0.0, true), |reading| {
+            reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { low };
+        });
+        told(vec![own(), there]).1.is_some()
+    };
+    // Four bands of power 1 here: half of that is 2.
+    assert!(!is_open(1.9) && is_open(2.1));
+}
+
+#[test]
+fn a_rate_that_a_bearing_without_a_sensor_has_is_not_placed() {
+    // Nine elements of 7.94 mm on 39.04 mm: BPFI is 5.415 times the 30 Hz of the shaft.
+    let at = |frequency: f64| {
+        let mut line = changed(own(), |reading| reading.frequency = Hz(frequency));
+        line.expected = Hz(frequency);
+        let deaf = LineSearch {
+            outcome: Err(crate::features::bearing::Unreadable::TooShort { needed_s: 1.0 }),
+            ..search(1, DefectLine::Bpfi, 0.0)
+        };
+        let deaf_too = LineSearch { line: DefectLine::Bpfo, ..deaf.clone() };
+        told(vec![line, deaf, deaf_too])
+    };
+    let (verdicts, unplaced) = at(162.0);
+    assert_eq!(verdicts[0].state, State::Undetermined, "{}", verdicts[0].why);
+    assert!(unplaced.is_some_and(|u| u.why.contains("bearings a and b")));
+    let (verdicts, unplaced) = at(150.0);
+    assert_eq!((verdicts[0].fault, unplaced), (Some(FaultMode::InnerRace), None));
+}

@@ -1,0 +1,94 @@
+//! Where in the spectrum the power of one line is, and how much of it, in one channel. Must not know probabilities.
+
+use crate::features::bearing::BandReading;
+use crate::units::Hz;
+
+/// Bands whose widths differ by less than this factor are of one kind.
+const ALIKE: f64 = 1.2;
+
+/// Power a line carries, u².
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct LinePower {
+    /// In the lowest band, or the lowest octave of it where it is wide, whether it shows the line or not.
+    pub(super) lowest: f64,
+    /// The same if it shows the line, else 0.
+    lowest_shown: f64,
+    /// Upper edge of that band.
+    pub(super) lowest_top: Hz,
+    /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
+    pub(super) above: Option<f64>,
+    /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
+    pub(super) is_hidden_above: bool,
+    /// Of the narrowest bands that show the line: in the strongest that a tone leads, and in the strongest of the others that nothing
+    /// else explains; 0 if none does.
+    pub(super) of_tone: f64,
+    pub(super) of_blows: f64,
+    /// Of the narrowest bands above the lowest: in all that show the line, and in all, where noise may be what was read.
+    summed: f64,
+    read: f64,
+    /// In the lowest of the narrowest bands or in its octaves together, whichever is more, where they show the line.
+    low: f64,
+}
+
+impl LinePower {
+    /// From the readings as measured (a whitened band has no power of its own), `octaves` those of the lowest band where it is wide.
+    pub(super) fn of(
+        (readings, octaves): (&[BandReading], &[BandReading]),
+        own: impl Fn(&BandReading) -> bool,
+        stands: impl Fn(&BandReading) -> bool,
+    ) -> Self {
+        let raw = || readings.iter().filter(|r| !r.band.whitened);
+        let shows = |r: &BandReading| own(r) && stands(r);
+        let width = |r: &BandReading| r.band.high.0 - r.band.low.0;
+        let narrowest = raw().map(width).fold(f64::INFINITY, f64::min);
+        let is_narrow = |r: &&BandReading| width(r) < ALIKE * narrowest;
+        let strongest = |found: &dyn Fn(&BandReading) -> bool| {
+            let of_band = raw().filter(is_narrow).filter(|r| found(r));
+            of_band.map(|r| r.total_depth() * r.mean_square).fold(0.0, f64::max)
+        };
+        let floor_hz = raw().map(|r| r.band.low.0).fold(f64::INFINITY, f64::min);
+        let is_above = |r: &&BandReading| r.band.low.0 > floor_hz;
+        let above = || raw().chain(octaves).filter(is_above);
+        let power = |r: &BandReading| r.total_depth() * r.mean_square;
+        let shown = |r: &BandReading| if shows(r) { power(r) } else { 0.0 };
+        let above_narrowest = || raw().filter(is_narrow).filter(is_above);
+        let touching = raw().chain(octaves).filter(|r| r.band.low.0 <= floor_hz);
+        let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
+        Self {
+            lowest: lowest.map_or(0.0, power),
+            lowest_shown: lowest.map_or(0.0, shown),
+            lowest_top: lowest.map_or(Hz(0.0), |r| r.band.high),
+            above: above().map(shown).max_by(f64::total_cmp),
+            // A tone that is modulated is no blow that hides others.
+            is_hidden_above: !above().any(|r| own(r) || r.carrier.is_some()),
+            summed: above_narrowest().map(shown).sum(),
+            read: above_narrowest().map(power).sum(),
+            low: raw()
+                .filter(is_narrow)
+                .filter(|r| !is_above(r))
+                .map(shown)
+                .sum::<f64>()
+                .max(octaves.iter().map(shown).sum()),
+            of_tone: strongest(&|r| r.carrier.is_some() && stands(r)),
+            of_blows: strongest(&|r| r.carrier.is_none() && shows(r)),
+        }
+    }
+
+    /// Power the line carries above the lowest band, or in it if nowhere else: what decides who hears it best. High frequencies die out on their
+    /// way, low ones shake the whole machine. It is that of all the narrowest bands that show it together: one resonance may be louder far
+    /// away than near by.
+    pub(super) fn heard(&self) -> f64 {
+        let strongest = self.above.filter(|above| *above > 0.0);
+        strongest.map_or(self.lowest_shown, |above| above.max(self.summed))
+    }
+
+    /// As much as the line may carry in the same bands, noise there taken for it.
+    pub(super) fn at_most(&self) -> f64 {
+        self.heard().max(self.read)
+    }
+
+    /// Power the line carries in all bands, the lowest included.
+    pub(super) fn whole(&self) -> f64 {
+        self.heard().max(self.summed + self.low)
+    }
+}
