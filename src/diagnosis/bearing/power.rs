@@ -6,7 +6,7 @@ use crate::units::Hz;
 /// Bands whose widths differ by less than this factor are of one kind.
 const ALIKE: f64 = 1.2;
 
-/// Power a line carries, u².
+/// Power a line carries (C4, C45), u².
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct LinePower {
     /// In the lowest band, or the lowest octave of it where it is wide, whether it shows the line or not.
