@@ -19,6 +19,10 @@ const AS_LOUD: f64 = 0.5;
 /// loudness is to tell, so that it is what is heard here only if twice as much of it is hidden.
 const HIDDEN: f64 = AS_LOUD * AS_LOUD;
 
+/// Depth at another bearing's sensor, over that of the line, below which it is not the line's source: a source is as deep at its own sensor, as
+/// long as noise there leaves half of it.
+const AS_DEEP: f64 = 0.5;
+
 /// A bearing that may have a line where another's was found, and a sensor of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rival {
@@ -70,9 +74,14 @@ pub(super) fn rivals(
     });
     let rival = |s: &LineSearch| {
         let there = Candidate::weigh_all(s, accepted, 1.0);
-        let above = there.power.heard().max(HIDDEN * there.power.at_most()) / heard.power.heard();
-        let whole = there.power.whole() / heard.power.whole();
-        Rival { bearing: s.bearing, power_ratio: above.max(whole) }
+        let (here, at) = (&heard.power, &there.power);
+        let seen = (at.heard() / here.heard()).max(at.whole() / here.whole());
+        let hidden = HIDDEN * at.at_most() / here.heard();
+        // A line that comes along with what is louder there is as shallow here (one as deep makes the loudness itself).
+        let is_deep = there.depth() >= AS_DEEP * heard.depth();
+        let louder = at.louder_than(here);
+        let power_ratio = if is_deep { seen.max(hidden) } else { seen.max(hidden) / louder };
+        Rival { bearing: s.bearing, power_ratio }
     };
     let mut rivals: Vec<Rival> = others.map(rival).collect();
     rivals.sort_by(|a, b| b.power_ratio.total_cmp(&a.power_ratio));

@@ -18,13 +18,16 @@ fn own() -> LineSearch {
     search(0, DefectLine::Bpfi, 0.6)
 }
 
-/// The same line at the other bearing's sensor, of this power; its harmonics stand out, or are what noise leaves.
-fn other(power: f64, stands: bool) -> LineSearch {
-    changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
-        reading.mean_square = power;
-        if !stands {
-            reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 3.0);
-        }
+/// The same line at the other bearing's sensor, of this power.
+fn other(power: f64) -> LineSearch {
+    changed(search(1, DefectLine::Bpfi, 0.6), |reading| reading.mean_square = power)
+}
+
+/// What noise leaves at the other bearing's sensor: so deep, in bands of this power above the lowest.
+fn noise(depth: f64, power: f64) -> LineSearch {
+    changed(search(1, DefectLine::Bpfi, depth), |reading| {
+        reading.mean_square = if reading.band.low.0 > 0.0 { power } else { 1.0 };
+        reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 3.0);
     })
 }
 
@@ -37,7 +40,7 @@ fn a_line_twice_as_loud_at_one_bearing_is_that_ones_and_known_the_better_the_lou
     let (alone, none) = told(vec![own()]);
     assert_eq!((alone[0].fault, none), (Some(FaultMode::InnerRace), None));
     let beside = |power: f64| {
-        let (verdicts, unplaced) = told(vec![own(), other(power, true)]);
+        let (verdicts, unplaced) = told(vec![own(), other(power)]);
         assert_eq!(unplaced, None);
         assert_eq!(verdicts[0].fault, Some(FaultMode::InnerRace), "{}", verdicts[0].why);
         assert_eq!(verdicts[1].state, State::Healthy, "{}", verdicts[1].why);
@@ -52,7 +55,7 @@ fn a_line_twice_as_loud_at_one_bearing_is_that_ones_and_known_the_better_the_lou
 #[test]
 fn a_line_as_loud_at_two_bearings_accuses_neither_and_is_told_of_the_machine() {
     for power in [0.6, 1.0, 1.6] {
-        let (verdicts, unplaced) = told(vec![own(), other(power, true)]);
+        let (verdicts, unplaced) = told(vec![own(), other(power)]);
         for verdict in &verdicts {
             assert_eq!(verdict.state, State::Undetermined, "{power}: {}", verdict.why);
         }
@@ -70,19 +73,29 @@ fn severity_floor() -> f64 {
 
 #[test]
 fn what_noise_hides_at_the_other_bearing_counts_from_twice_the_line_on() {
-    let is_open = |power: f64| {
-        let (verdicts, unplaced) = told(vec![own(), other(power, false)]);
-        assert_eq!(unplaced.is_some(), verdicts[0].state == State::Undetermined);
-        unplaced.is_some()
+    let is_open = |depth: f64, power: f64| {
+        let (verdicts, unplaced) = told(vec![own(), noise(depth, power)]);
+        let is_open = verdicts[0].state == State::Undetermined;
+        assert_eq!(unplaced.is_some(), is_open, "{depth} {power}: {}", verdicts[0].why);
+        is_open
     };
-    assert!(!is_open(1.0) && !is_open(1.9) && is_open(2.1));
+    assert!(!is_open(0.6, 1.0) && !is_open(1.15, 1.0) && is_open(1.25, 1.0));
+    // Louder there, so quieter here by as much: as deep as here it is not.
+    assert!(!is_open(0.6, 40.0) && !is_open(1.15, 40.0) && is_open(1.25, 40.0));
+}
+
+#[test]
+fn a_shallow_line_of_what_is_louder_there_is_not_the_deep_one_here() {
+    let shallow = changed(search(1, DefectLine::Bpfi, 0.05), |reading| reading.mean_square = 40.0);
+    let (verdicts, unplaced) = told(vec![own(), shallow]);
+    assert_eq!((verdicts[0].fault, unplaced), (Some(FaultMode::InnerRace), None));
 }
 
 #[test]
 fn a_line_louder_elsewhere_in_the_lowest_band_is_not_placed() {
     let is_open = |low: f64| {
         // At the other sensor next to nothing above the lowest band, and there this power.
-        let there = changed(other(0.0, true), |reading| {
+        let there = changed(other(0.0), |reading| {
             reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { low };
         });
         told(vec![own(), there]).1.is_some()

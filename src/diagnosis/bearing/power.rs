@@ -26,6 +26,8 @@ pub(super) struct LinePower {
     /// Of the narrowest bands above the lowest: in all that show the line, and in all, where noise may be what was read.
     summed: f64,
     read: f64,
+    /// Of the same bands: power of all that is heard in them.
+    loudness: f64,
     /// In the lowest of the narrowest bands or in its octaves together, whichever is more, where they show the line.
     low: f64,
 }
@@ -63,6 +65,7 @@ impl LinePower {
             is_hidden_above: !above().any(|r| own(r) || r.carrier.is_some()),
             summed: above_narrowest().map(shown).sum(),
             read: above_narrowest().map(power).sum(),
+            loudness: above_narrowest().map(|r| r.mean_square).sum(),
             low: raw()
                 .filter(is_narrow)
                 .filter(|r| !is_above(r))
@@ -85,6 +88,11 @@ impl LinePower {
     /// As much as the line may carry in the same bands, noise there taken for it.
     pub(super) fn at_most(&self) -> f64 {
         self.heard().max(self.read)
+    }
+
+    /// How many times louder all is here than there, 1 at least: what is louder here comes from here, and is quieter there by as much.
+    pub(super) fn louder_than(&self, there: &Self) -> f64 {
+        if there.loudness > 0.0 { (self.loudness / there.loudness).max(1.0) } else { 1.0 }
     }
 
     /// Power the line carries in all bands, the lowest included.
