@@ -208,7 +208,8 @@ mod tests {
 
     #[test]
     fn damage_of_one_of_several_bearings_is_the_machines_and_keeps_what_the_level_says() {
-        let found = Unplaced { severity: 0.45, confidence: 0.8, why: "a or b".to_owned() };
+        let why = "a or b".to_owned();
+        let found = Unplaced { bearings: Vec::new(), severity: 0.45, confidence: 0.8, why };
         let open = || {
             let why = "no limits".to_owned();
             ComponentDiagnosis::undetermined("m", ComponentKind::Machine, why)

@@ -57,7 +57,6 @@ pub fn assess(features: &WindowFeatures, context: &Context<'_>) -> Vec<Component
     let (mut components, unplaced) = bearing::judge(features, context);
     components.extend(rotation::judge(features, &components, context));
     let explained = components.iter().any(|c| c.state.is_accusation());
-    let unplaced = unplaced.filter(|_| !explained);
     components.push(level::judge(features, context, explained, unplaced));
     components.extend(sensor::judge(features, context));
     components

@@ -57,25 +57,31 @@ pub fn judge(
     context: &Context<'_>,
 ) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
     let accepted = accept::accept(features);
-    let (mut verdicts, unplaced) = judge_all(features, context, &accepted);
+    let (mut verdicts, unplaced): (Vec<_>, Vec<_>) =
+        judge_all(features, context, &accepted).into_iter().unzip();
     // A line that stands confirms the speed as well as slip lets it, and what it is of strikes.
     if accepted.is_empty() {
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
         blows::reopen(&mut verdicts, features, context);
     }
-    (verdicts, unplaced)
+    // An accused bearing may be what makes the line.
+    let is_open =
+        |found: &Unplaced| found.bearings.iter().all(|b| !verdicts[b.0].state.is_accusation());
+    let open = unplaced.into_iter().flatten().filter(is_open);
+    let worst = open.max_by(|a, b| a.severity.total_cmp(&b.severity));
+    (verdicts, worst)
 }
+
+/// A bearing's verdict, and what would accuse it, were it told that it comes from there.
+type Judged = (ComponentDiagnosis, Option<Unplaced>);
 
 fn judge_all(
     features: &WindowFeatures,
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
-) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
+) -> Vec<Judged> {
     let bearings = (0..context.machine.bearings.len()).map(BearingIndex);
-    let judged = bearings.map(|bearing| judge_one(bearing, features, context, accepted));
-    let (verdicts, unplaced): (Vec<_>, Vec<_>) = judged.unzip();
-    let worst = unplaced.into_iter().flatten().max_by(|a, b| a.severity.total_cmp(&b.severity));
-    (verdicts, worst)
+    bearings.map(|bearing| judge_one(bearing, features, context, accepted)).collect()
 }
 
 /// Leaves bearings open that another speed of a shaft would accuse: the one that is written down may be wrong (F22).
@@ -100,9 +106,10 @@ fn reopen(
         channels,
         ..features.clone()
     };
-    let (accused, _) = judge_all(&there, context, &accept::accept(&there));
-    for (verdict, there) in verdicts.iter_mut().zip(accused) {
-        if verdict.state == State::Healthy && there.state.is_accusation() {
+    let accused = judge_all(&there, context, &accept::accept(&there));
+    for (verdict, (there, unplaced)) in verdicts.iter_mut().zip(accused) {
+        let is_accused = there.state.is_accusation() || unplaced.is_some();
+        if verdict.state == State::Healthy && is_accused {
             let at = features.speed.first.map_or(0.0, |first| first.0);
             let told = match features.speed.source {
                 Some(SpeedSource::Estimated) => "told by one line alone",
@@ -119,13 +126,13 @@ fn reopen(
     }
 }
 
-/// Judges one bearing by the lines accepted for it; what would accuse it, were it told that it comes from here.
+/// Judges one bearing by the lines accepted for it.
 fn judge_one(
     bearing: BearingIndex,
     features: &WindowFeatures,
     context: &Context<'_>,
     accepted: &[Accepted<'_>],
-) -> (ComponentDiagnosis, Option<Unplaced>) {
+) -> Judged {
     let searches: Vec<&LineSearch> =
         features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
     let id = &context.machine.bearing(bearing).id;
@@ -152,10 +159,14 @@ fn judge_one(
         verdict.why.push_str(&said::wide_band(bearing, context));
     }
     let is_sure = |line: &&Candidate<'_>| line.probability() <= context.false_alarm_probability;
-    let unplaced = sorted.unplaced().filter(is_sure).map(|line| Unplaced {
-        severity: severity::not_damaged(severity::of_depth(line.depth())),
-        confidence: confidence_in(line, features, 1.0),
-        why: said::unplaced(line, &doubt::elsewhere(line, &seen), context),
+    let unplaced = sorted.unplaced().filter(is_sure).map(|line| {
+        let elsewhere = doubt::elsewhere(line, &seen);
+        Unplaced {
+            severity: severity::not_damaged(severity::of_depth(line.depth())),
+            confidence: confidence_in(line, features, 1.0),
+            why: said::unplaced(line, &elsewhere, context),
+            bearings: [vec![bearing], elsewhere].concat(),
+        }
     });
     (verdict, unplaced)
 }

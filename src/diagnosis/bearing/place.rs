@@ -41,6 +41,8 @@ impl Rival {
 /// What is damaged, though not where: each of these bearings may have the line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unplaced {
+    /// The bearings it may be of.
+    pub bearings: Vec<BearingIndex>,
     /// Severity 0…1 of the line, below what counts as damaged.
     pub severity: f64,
     /// Confidence 0…1 that it is there.
@@ -104,12 +106,16 @@ pub(super) fn unheard(
         let rates = speed.and_then(|speed| described.fault_rates(speed));
         rates.is_some_and(|rates| {
             let bands = described.bands;
+            let is_cage = line.search.line == DefectLine::Ftf;
             let lines = [
+                (DefectLine::Ftf, rates.ftf, bands.ftf),
                 (DefectLine::Bpfi, rates.bpfi, bands.bpfi),
                 (DefectLine::Bpfo, rates.bpfo, bands.bpfo),
                 (DefectLine::TwoBsf, rates.two_bsf(), bands.two_bsf),
             ];
-            lines.into_iter().any(|(line, expected, band)| {
+            let mut of_kind =
+                lines.into_iter().filter(|(line, ..)| (*line == DefectLine::Ftf) == is_cage);
+            of_kind.any(|(line, expected, band)| {
                 let (low, high) = reach::searched_range(line, expected, band);
                 (low.0..=high.0).contains(&at.0)
             })

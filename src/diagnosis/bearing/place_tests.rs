@@ -72,6 +72,16 @@ fn severity_floor() -> f64 {
 }
 
 #[test]
+fn a_line_that_an_accused_bearing_may_make_is_not_the_machines() {
+    // b is accused of its outer race as well.
+    let race = changed(search(1, DefectLine::Bpfo, 0.9), |reading| reading.frequency = Hz(90.0));
+    let race = LineSearch { expected: Hz(90.0), ..race };
+    let (verdicts, unplaced) = told(vec![own(), other(1.0), race]);
+    assert_eq!(verdicts[1].fault, Some(FaultMode::OuterRace), "{}", verdicts[1].why);
+    assert_eq!(unplaced, None, "{}", verdicts[0].why);
+}
+
+#[test]
 fn what_noise_hides_at_the_other_bearing_counts_from_twice_the_line_on() {
     let is_open = |depth: f64, power: f64| {
         let (verdicts, unplaced) = told(vec![own(), noise(depth, power)]);

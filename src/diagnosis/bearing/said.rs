@@ -98,7 +98,7 @@ pub(super) fn contested(
 pub(super) fn told_by_loudness(line: &Candidate<'_>, context: &Context<'_>) -> String {
     line.rival.map_or_else(String::new, |rival| {
         format!(
-            "; {:.0} dB louder than what is heard of this rate, which {} may have as well, at that one",
+            "; told by {:.0} dB of loudness from {}, which may have this rate, too",
             -10.0 * rival.power_ratio.max(f64::MIN_POSITIVE).log10(),
             context.machine.bearing(rival.bearing).id
         )
