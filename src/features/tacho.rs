@@ -106,7 +106,7 @@ fn tacho(
     let bad = odd as f64 / times_s.len() as f64;
     let excursion = excursion(&phase, info.sample_rate);
     let same_shaft = (ratio - 1.0).abs() < 1e-9;
-    let smooth = smooth_track(&times_s, mark.pulses_per_rev, mean, ratio);
+    let smooth = smooth_track(&times_s, mark.pulses_per_rev, (mean, info.sample_rate), ratio);
     Some(Speed {
         first: Some(Hz(mean / ratio)),
         source: Some(SpeedSource::Tacho),
@@ -139,6 +139,9 @@ fn excursion(phase: &PhaseTrack, rate: Hz) -> f64 {
 /// Pulses on either side over which the jitter of one is smoothed.
 const SMOOTHING_PULSES: usize = 4;
 
+/// RMS error of an edge of a 0/1 waveform, samples: uniform over one, 1/√12.
+const ROUNDING: f64 = 0.288_675_134_594_812_9;
+
 /// A shaft slower than this part of its mean speed counts as standing.
 const STANDING: f64 = 0.05;
 
@@ -147,11 +150,12 @@ const STANDING: f64 = 0.05;
 fn smooth_track(
     times_s: &[f64],
     pulses_per_rev: u32,
-    mean_hz: f64,
+    (mean_hz, rate): (f64, Hz),
     ratio: f64,
 ) -> Option<PhaseTrack> {
     let wheel = Wheel {
         smoothing_pulses: SMOOTHING_PULSES,
+        rounding_s: ROUNDING / rate.0,
         ..Wheel::even(pulses_per_rev, STANDING * mean_hz)
     };
     let mut plan = PulseTrainPlan::new(wheel, times_s.len())?;

@@ -169,10 +169,11 @@ impl PulseTrainPlan {
         }
         self.take_out_outliers();
         let jitter_rms_s = self.measure_jitter();
+        let half_width = self.smoothing_half_width();
         let from = self.times_s.len();
         for i in 0..self.knots.len() {
             let (time_s, mark) = self.knots[i];
-            let turned = self.smoothed(i).unwrap_or_else(|| self.angle_of(mark));
+            let turned = self.smoothed(i, half_width).unwrap_or_else(|| self.angle_of(mark));
             if self.revolutions[from..].last().is_none_or(|last| turned > *last) {
                 self.times_s.push(time_s);
                 self.marks.push(mark);

@@ -21,8 +21,10 @@ pub struct Wheel {
     pub marks_rev: Vec<f64>,
     /// Speed below which the shaft counts as standing, Hz.
     pub lowest_speed_hz: f64,
-    /// Pulses on either side that smooth one (D63); 0: pulses are taken as they are.
+    /// Pulses on either side that smooth one at most, as far as they show jitter and no motion (D63); 0: pulses are taken as they are.
     pub smoothing_pulses: usize,
+    /// RMS of what rounding alone does to the times, s; 0 if they are exact.
+    pub rounding_s: f64,
 }
 
 impl Wheel {
@@ -31,7 +33,7 @@ impl Wheel {
     pub fn even(pulses_per_rev: u32, lowest_speed_hz: f64) -> Self {
         let mark = |i: u32| f64::from(i) / f64::from(pulses_per_rev);
         let marks_rev = (0..pulses_per_rev).map(mark).collect();
-        Self { marks_rev, lowest_speed_hz, smoothing_pulses: 0 }
+        Self { marks_rev, lowest_speed_hz, smoothing_pulses: 0, rounding_s: 0.0 }
     }
 
     fn is_possible(&self) -> bool {

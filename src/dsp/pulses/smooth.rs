@@ -16,6 +16,13 @@ const NEAREST: usize = 2;
 /// by four fifths of that, and by less where a fourth derivative takes it back.
 const CURVED: f64 = 3.0;
 
+/// Correlation of what successive pulses are off the parabola through the four nearest: −0.8 of jitter alone, for that is a fourth difference;
+/// of a speed that swings, the cosine of the angle a pulse takes of the swing.
+const WHITE: f64 = -0.5;
+
+/// Times the jitter that pulses may be off the parabola that smooths them: then it misses no more of the motion than there is jitter.
+const MISSED: f64 = std::f64::consts::SQRT_2;
+
 /// Rounds of taking outliers out.
 const MAX_PASSES: usize = 4;
 
@@ -119,15 +126,16 @@ impl PulseTrainPlan {
             return None;
         }
         for i in 0..self.knots.len() {
-            let residual_s = self.residual_s(i)?;
+            let residual_s = self.residual_s(i, HALF_WIDTH)?;
             self.residuals_s.push(residual_s);
         }
         let squares: f64 = self.residuals_s.iter().map(|r| r * r).sum();
         Some((squares / self.residuals_s.len() as f64).sqrt())
     }
 
-    fn residual_s(&self, i: usize) -> Option<f64> {
-        let (fitted, speed_hz) = self.around(i, HALF_WIDTH)?;
+    /// How far a knot is off the parabola through those around it, s, over what jitter makes of that: its RMS is the jitter's, whatever the width.
+    fn residual_s(&self, i: usize, half_width: usize) -> Option<f64> {
+        let (fitted, speed_hz) = self.around(i, half_width)?;
         let (time_s, mark) = self.knots[i];
         let miss_s = (self.angle_of(mark) - fitted.at(time_s)) / speed_hz;
         Some(miss_s / (1.0 + fitted.variance_at(time_s)?).sqrt())
@@ -193,10 +201,44 @@ impl PulseTrainPlan {
         }
     }
 
+    /// Knots on either side that smooth one: the most, by halves of those asked for, over which a parabola misses no more of the motion than there
+    /// is jitter (D63); 0 if none does.
+    pub(super) fn smoothing_half_width(&self) -> usize {
+        let asked = self.wheel.smoothing_pulses;
+        if self.knots.len() < 2 * asked.max(HALF_WIDTH) + 2 {
+            return asked;
+        }
+        let jitter_s = self.white_jitter_s().max(self.wheel.rounding_s);
+        let halved = |half: &usize| (*half > NEAREST).then_some((half / 2).max(NEAREST));
+        let mut halves = std::iter::successors((asked >= NEAREST).then_some(asked), halved);
+        let follows = |half: &usize| {
+            self.residual_rms_s(*half).is_some_and(|missed_s| missed_s <= MISSED * jitter_s)
+        };
+        halves.find(follows).unwrap_or(0)
+    }
+
+    fn residual_rms_s(&self, half_width: usize) -> Option<f64> {
+        let n = self.knots.len();
+        let squares = (0..n).map(|i| self.residual_s(i, half_width).map(|r| r * r));
+        squares.sum::<Option<f64>>().map(|sum| (sum / n as f64).sqrt())
+    }
+
+    /// RMS of what knots are off the parabola through the four nearest, s, if successive ones are off as jitter lets them be; 0 otherwise.
+    fn white_jitter_s(&self) -> f64 {
+        let (mut square, mut product, mut last, mut n) = (0.0, 0.0, None, 0.0);
+        for i in NEAREST..self.knots.len().saturating_sub(NEAREST) {
+            let Some(residual_s) = self.residual_s(i, NEAREST) else { return 0.0 };
+            square += residual_s * residual_s;
+            product += residual_s * last.unwrap_or(0.0);
+            last = Some(residual_s);
+            n += 1.0;
+        }
+        if product <= WHITE * square && square > 0.0 { (square / n).sqrt() } else { 0.0 }
+    }
+
     /// Angle at a knot's time by the parabola through the knots around it, revolutions; `None` if they
     /// are not to be smoothed or are too few.
-    pub(super) fn smoothed(&self, i: usize) -> Option<f64> {
-        let half = self.wheel.smoothing_pulses;
+    pub(super) fn smoothed(&self, i: usize, half: usize) -> Option<f64> {
         let width = (2 * half + 1).min(self.knots.len());
         if half == 0 || width < 5 {
             return None;

@@ -163,6 +163,39 @@ fn heavy_jitter_is_followed_and_an_outlier_is_taken_out() {
     assert!((only_track(&plan).revolutions_at(10.0).unwrap() - 250.0).abs() < 0.05);
 }
 
+/// RMS error of the angle at pulses of a shaft of 2 r/s whose speed swings by 6 % once in `period` revolutions, one pulse a turn placed to
+/// 1/`rate_hz` or off by `jitter_s`, smoothed over four either side if that is borne; revolutions.
+fn error_of_a_swing(period: f64, jitter_s: f64, rate_hz: f64) -> f64 {
+    let turned = |t: f64| 2.0 * t + 0.06 * period / TAU * (TAU * 2.0 * t / period).sin();
+    let time = |rev: f64| (0..30).fold(rev / 2.0, |t, _| t - (turned(t) - rev) / 2.0);
+    let noise = gaussian_noise(150, 5);
+    let exact: Vec<f64> = (0..150).map(|i| time(f64::from(i))).collect();
+    let placed = |(t, e): (&f64, &f64)| ((t + jitter_s * e) * rate_hz).round() / rate_hz;
+    let pulses_s: Vec<f64> = exact.iter().zip(&noise).map(placed).collect();
+    let rounding_s = 1.0 / (rate_hz * 12.0_f64.sqrt());
+    let wheel = Wheel { smoothing_pulses: 4, rounding_s, ..Wheel::even(1, 0.5) };
+    let plan = followed(wheel, &pulses_s);
+    assert_eq!((plan.segments().len(), plan.counts().n_outliers), (1, 0));
+    let (times_s, revolutions) = plan.knots(&plan.segments()[0]);
+    let errors: Vec<f64> =
+        times_s.iter().zip(revolutions).map(|(t, rev)| turned(*t) - rev).collect();
+    stats::rms(&errors).unwrap()
+}
+
+#[test]
+fn a_swing_is_motion_and_jitter_is_not() {
+    // One in nine turns, 0.06 rev up and down, which a parabola over nine pulses takes for jitter: left as it is, to the sample.
+    assert!(error_of_a_swing(8.7, 0.0, 1e4) < 2e-4);
+    // Slower than a parabola over nine pulses bends: a fifth of the jitter's variance and a quarter are left (D63), and the swing.
+    let jitter_s = 2e-3;
+    let smoothed = error_of_a_swing(100.0, jitter_s, 1e6) / (2.0 * jitter_s);
+    assert!((0.35..0.65).contains(&smoothed), "{smoothed}");
+    // Placed to 5 ms by rounding, 0.09 of a spacing further off each time, which looks like a swing of eleven turns: no motion, and averaged.
+    let rate_hz = 200.18;
+    let rounded = error_of_a_swing(1e9, 0.0, rate_hz) * rate_hz / 2.0;
+    assert!(rounded < 0.25, "{rounded}");
+}
+
 #[test]
 fn a_speed_that_swings_costs_no_pulse_at_the_ends_and_a_wrong_one_there_is_seen() {
     let wheel = Wheel { smoothing_pulses: 4, ..Wheel::even(1, 0.5) };
