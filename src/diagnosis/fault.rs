@@ -131,6 +131,16 @@ impl FaultMode {
             Self::AbnormalLevel => "abnormal_level",
         }
     }
+
+    /// What people read: the name in words, and what is abnormal, of which the name tells one kind, by what is not known of it.
+    #[must_use]
+    pub fn words(self) -> String {
+        if self == Self::AbnormalLevel {
+            "abnormal, cause not proven".to_owned()
+        } else {
+            self.name().replace('_', " ")
+        }
+    }
 }
 
 /// Which member of a gear pair a fault belongs to.

@@ -71,7 +71,7 @@ pub(super) fn head(subject: &Subject<'_>) -> String {
 /// A component with its numbers and its picture.
 pub(super) fn component(c: &ComponentDiagnosis, picture: Option<&Figure>) -> String {
     let fault = match (c.fault, c.state.is_accusation()) {
-        (Some(fault), _) => format!(", {}", fault.name().replace('_', " ")),
+        (Some(fault), _) => format!(", {}", fault.words()),
         (None, true) => ", cause not proven".to_owned(),
         (None, false) => String::new(),
     };
@@ -90,7 +90,7 @@ pub(super) fn component(c: &ComponentDiagnosis, picture: Option<&Figure>) -> Str
     for other in &c.other_faults {
         out.push_str(&format!(
             "<p>Also {}, severity {:.2}, confidence {:.2}: {}</p>\n",
-            other.fault.name().replace('_', " "),
+            other.fault.words(),
             other.severity,
             other.confidence,
             escaped(&other.why)

@@ -184,7 +184,7 @@ fn paragraph(out: &mut String, c: &ComponentDiagnosis, layout: &Layout) {
     for other in &c.other_faults {
         let text = format!(
             "also {}, severity {:.2}, confidence {:.2}: {}",
-            words(other.fault),
+            other.fault.words(),
             other.severity,
             other.confidence,
             other.why
@@ -197,12 +197,7 @@ fn paragraph(out: &mut String, c: &ComponentDiagnosis, layout: &Layout) {
 }
 
 fn fault_words(c: &ComponentDiagnosis) -> String {
-    c.fault.map_or("cause not proven".to_owned(), words)
-}
-
-/// The fault's name in words: `inner race`.
-fn words(fault: FaultMode) -> String {
-    fault.name().replace('_', " ")
+    c.fault.map_or("cause not proven".to_owned(), FaultMode::words)
 }
 
 fn state_word(state: State) -> String {

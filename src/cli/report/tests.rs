@@ -170,11 +170,16 @@ fn one_line_names_the_worst() {
 
 #[test]
 fn a_cause_that_is_not_proven_is_said_so() {
-    let mut unclear = diagnosis();
-    unclear.components[2].fault = None;
-    let layout = Layout { page: Page::PLAIN, all_evidence: false };
-    let text = text(&unclear, "x.h5", &layout);
+    let told = |fault: Option<FaultMode>| {
+        let mut unclear = diagnosis();
+        unclear.components[2].fault = fault;
+        let layout = Layout { page: Page::PLAIN, all_evidence: false };
+        text(&unclear, "x.h5", &layout)
+    };
+    let text = told(None);
     assert!(text.contains("bearing right: DAMAGED, cause not proven"), "{text}");
+    let text = told(Some(FaultMode::AbnormalLevel));
+    assert!(text.contains("bearing right: DAMAGED, abnormal, cause not proven"), "{text}");
 }
 
 #[test]
