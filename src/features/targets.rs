@@ -40,6 +40,8 @@ pub(super) struct Target {
     pub(super) rival: Option<DefectLine>,
     pub(super) shaft_speed: Hz,
     pub(super) side_band_spacing: Hz,
+    /// Of a race's line: the cage's rate seen from that race.
+    pub(super) cage_spacing: Option<Hz>,
     /// Whether it is the line of the race that does not turn.
     pub(super) is_at_rest: bool,
     /// Of the line of the race that turns: the sum of both races' rates.
@@ -83,6 +85,11 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
         let at_rest = DefectLine::of_race_at_rest(described.rotating_ring);
         targets.extend(DefectLine::ALL.into_iter().map(|line| {
             let expected = line.rate_of(&rates);
+            let cage_spacing = match line {
+                DefectLine::Bpfi | DefectLine::Bpfo if line == at_rest => Some(ftf),
+                DefectLine::Bpfi | DefectLine::Bpfo => Some(Hz((shaft_speed.0 - ftf.0).abs())),
+                DefectLine::TwoBsf | DefectLine::Ftf => None,
+            };
             let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
             let band = line.band_of(&bands);
             let known = known_lines(machine, Hz(expected.0 * (1.0 + band.high)), (window, first));
@@ -95,6 +102,7 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
                 rival,
                 shaft_speed,
                 side_band_spacing,
+                cage_spacing,
                 is_at_rest: line == at_rest,
                 sum_of_races: (line == turning)
                     .then_some(Hz(rates.bpfi.0.abs() + rates.bpfo.0.abs())),
@@ -159,6 +167,7 @@ impl Target {
             expected: self.expected,
             band: self.band,
             side_band_spacing: self.side_band_spacing,
+            cage_spacing: self.cage_spacing,
             is_at_rest: self.is_at_rest,
             sum_of_races: self.sum_of_races,
             shaft_speed: self.shaft_speed,

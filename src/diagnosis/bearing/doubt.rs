@@ -48,7 +48,7 @@ pub(super) enum Doubt {
     Bare,
     /// A cage's line that unequal elements make as well.
     Carried,
-    /// A cage's line beside which nothing of the bearing stands.
+    /// A cage's line beside which no race of the bearing shows it.
     Lone,
     /// A cage's line beside that of the elements the cage carries.
     OfElements,
@@ -130,10 +130,10 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::Bare)
     } else if line.is_carried() {
         Says::Doubt(Doubt::Carried)
-    } else if is_lone(line, seen) {
-        Says::Doubt(Doubt::Lone)
     } else if is_of_elements(line, seen) {
         Says::Doubt(Doubt::OfElements)
+    } else if is_lone(line, seen) {
+        Says::Doubt(Doubt::Lone)
     } else if line.side_band_of.is_some() {
         Says::Doubt(Doubt::SideLine)
     } else if !contenders(line, seen).is_empty() {
@@ -336,12 +336,15 @@ fn is_turned(line: &Candidate<'_>) -> bool {
         && line.has_side_band()
 }
 
-/// Whether it is a cage's line beside which no line of this bearing's races or elements stands in the channel, and which no baseline shows to
-/// be news: a cage that is damaged disturbs what they do, belts and shafts that nobody listed strike at such rates, too (C9).
+/// Whether it is a cage's line beside which no line of this bearing's races stands in the channel with side bands at the cage's rate, and which no
+/// baseline shows to be news: a cage that is damaged disturbs what passes them, belts and shafts that nobody listed strike at such rates, too (C9).
 fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     line.search.line == DefectLine::Ftf
         && !risen::is_news(line, seen)
-        && !beside(line, seen).any(|(_, other)| is_notable(&other))
+        && !beside(line, seen).any(|(s, race)| {
+            let at = race.best.as_ref().map(|best| best.frequency);
+            at.is_some_and(|at| owner::has_cage_bands(s, at)) && is_notable(&race)
+        })
 }
 
 /// What this bearing's races and elements show in the channel of a cage's line.

@@ -324,25 +324,6 @@ fn other_elements_of_two_bearings_at_one_rate_belong_to_the_one_that_is_louder()
 }
 
 #[test]
-fn a_cage_is_accused_from_full_modulation_on() {
-    // Two harmonics: D = √2 of the depth of each, 0.85 and 1.13.
-    let of = |lines: Vec<LineSearch>| judged(lines, Vec::new()).remove(0);
-    // The outer race shows that the elements are disturbed.
-    let beside = |depth: f64| {
-        of([(DefectLine::Ftf, depth), (DefectLine::Bpfo, 0.2)]
-            .map(|(l, d)| search(0, l, d))
-            .to_vec())
-    };
-    let (carried, damaged) = (beside(0.6), beside(0.8));
-    assert_eq!(carried.state, State::Undetermined, "{}", carried.why);
-    assert!(carried.why.contains("unequal elements"), "{}", carried.why);
-    assert_eq!(damaged.fault, Some(FaultMode::Cage), "{}", damaged.why);
-    let lone = of(vec![search(0, DefectLine::Ftf, 0.8)]);
-    assert_eq!(lone.state, State::Undetermined, "{}", lone.why);
-    assert!(lone.why.contains("a belt"), "{}", lone.why);
-}
-
-#[test]
 fn a_line_that_grew_accuses_unless_a_stronger_one_grew_as_well() {
     let weak = || absolute_line(0, DefectLine::Bpfi, 6.0);
     let alone = judged(Vec::new(), vec![weak()]);

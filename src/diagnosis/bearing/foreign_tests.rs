@@ -38,11 +38,38 @@ fn a_line_lower_than_its_side_band_in_most_bands_is_one_itself() {
     assert_eq!(lower_in(2).fault, Some(FaultMode::InnerRace));
 }
 
+/// The outer race's line, shallow; side bands at FTF tell that the elements which pass it are disturbed.
+fn disturbed() -> LineSearch {
+    changed(search(0, DefectLine::Bpfo, 0.2), |reading| reading.cage_band = reading.harmonics[0])
+}
+
+#[test]
+fn a_cage_is_accused_from_full_modulation_on() {
+    // Two harmonics: D = √2 of the depth of each, 0.85 and 1.13.
+    let beside = |depth| judged(None, vec![search(0, DefectLine::Ftf, depth), disturbed()]);
+    let (carried, damaged) = (beside(0.6), beside(0.8));
+    assert_eq!(carried.state, State::Undetermined, "{}", carried.why);
+    assert!(carried.why.contains("unequal elements"), "{}", carried.why);
+    assert_eq!(damaged.fault, Some(FaultMode::Cage), "{}", damaged.why);
+}
+
+#[test]
+fn a_cage_is_not_accused_where_no_race_shows_it() {
+    let race = search(0, DefectLine::Bpfo, 0.2);
+    let elements = search(0, DefectLine::TwoBsf, 0.2);
+    for beside in [vec![], vec![race], vec![elements]] {
+        let lines = [vec![search(0, DefectLine::Ftf, 0.8)], beside].concat();
+        let open = judged(None, lines);
+        assert_eq!(open.state, State::Undetermined, "{}", open.why);
+        assert!(open.why.contains("a belt"), "{}", open.why);
+    }
+}
+
 #[test]
 fn a_cage_is_not_accused_beside_elements_that_it_carries_through_the_load() {
     let beside = |change: fn(&mut BandReading)| {
         let elements = changed(search(0, DefectLine::TwoBsf, 0.2), change);
-        judged(None, vec![search(0, DefectLine::Ftf, 0.8), elements])
+        judged(None, vec![search(0, DefectLine::Ftf, 0.8), disturbed(), elements])
     };
     let open = beside(with_side_band);
     assert_eq!(open.state, State::Undetermined, "{}", open.why);

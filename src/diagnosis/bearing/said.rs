@@ -60,11 +60,11 @@ pub(super) fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
     )
 }
 
-/// Why a cage's line that stands alone does not accuse.
+/// Why a cage's line that no race shows does not accuse.
 pub(super) fn lone(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
-        "{}; no other line of this bearing stands beside it, and a belt or a shaft that the machine file does not list strikes so, \
-         too: not accused",
+        "{}; no race of this bearing shows side bands at the cage's rate, and a belt or a shaft that the machine file does not list \
+         strikes so, too: not accused",
         sentence(line, context)
     )
 }

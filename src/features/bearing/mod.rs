@@ -199,6 +199,8 @@ pub struct BandReading {
     pub harmonics: [Option<Harmonic>; N_HARMONICS],
     /// The stronger of the two side bands at ± the spacing around the fundamental, or the harmonic that stands for it (F5).
     pub side_band: Option<Harmonic>,
+    /// Of a race's line that stands out: the stronger of the two side bands at ± the cage's rate seen from that race, at which one element comes back.
+    pub cage_band: Option<Harmonic>,
     /// Depth of the deeper of the two shaft harmonics around the fundamental; 0 if neither can be read.
     pub shaft_depth: f64,
     /// Of the line of the turning race: depth at the rate at which elements pass the race at rest; `None` of other lines.
@@ -236,6 +238,7 @@ impl BandReading {
             frequency,
             harmonics: read,
             side_band: None,
+            cage_band: None,
             shaft_depth: 0.0,
             passing_depth: None,
             slower: None,
@@ -420,6 +423,8 @@ pub struct LineTask<'a> {
     pub band: RelativeBand,
     /// Spacing of the side bands: 1× for races that turn, FTF for the rolling element.
     pub side_band_spacing: Hz,
+    /// Of a race's line: the cage's rate seen from that race.
+    pub cage_spacing: Option<Hz>,
     /// Whether it is the line of the race that does not turn.
     pub is_at_rest: bool,
     /// Of the line of the race that turns: the sum of both races' rates. What the line lacks to it is the rate at which

@@ -90,6 +90,9 @@ pub fn read_line(
     // What stands beside it is read, and held against it, where it is told.
     let told_hz = told.map_or(1, |told| told.multiple) as f64 * frequency;
     let side_band = side_band(spectrum, task, (told_hz, task.side_band_spacing), scratch);
+    let cage_spacing = task.cage_spacing.filter(|_| stands_out(fundamental));
+    let cage_band =
+        cage_spacing.and_then(|cage| self::side_band(spectrum, task, (told_hz, cage), scratch));
     let is_shaft_product =
         is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
     let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
@@ -98,6 +101,7 @@ pub fn read_line(
         frequency: Hz(frequency),
         harmonics,
         side_band,
+        cage_band,
         is_shaft_product,
         shaft_depth: shaft_depth(spectrum, task, frequency),
         passing_depth: task.sum_of_races.map(|sum| depth_at(spectrum, sum.0 - frequency)),
@@ -192,8 +196,12 @@ const HIGHEST_MULTIPLE: u32 = 12;
 /// From this multiple on the comb beside the line is looked at, too: the rate itself is placed the worse the higher the multiple.
 const LOWEST_OF_COMB: u32 = 5;
 
-/// Highest multiple of a comb's rate: what strikes every other or every third turn has lines that reach over all of a defect's.
-const HIGHEST_OF_COMB: u32 = 40;
+/// Highest multiple of a comb's rate: what strikes every other or every third turn has lines that reach over all of a defect's, and so has a slow
+/// shaft. The tolerance ends most searches before it.
+const HIGHEST_OF_COMB: u32 = 100;
+
+/// Above this multiple a comb must reach on: so many spacings are tried that two lines may meet one by chance.
+const HIGHEST_OF_TWO: u32 = 40;
 
 /// Half the distance of two lines is known to this, cells, where each is placed within a tenth (0.1/√2).
 const SPACING_TOLERANCE: f64 = 0.07;
@@ -289,7 +297,7 @@ fn comb_rate(
         let apart = (m * spacing - frequency_hz).abs();
         let is_multiple = |times: f64| tolerance_hz(m, times).is_some_and(|hz| apart <= hz);
         let is_common = (spacing - task.side_band_spacing.0).abs() <= task.resolution.0
-            || m <= f64::from(HIGHEST_MULTIPLE);
+            || !(f64::from(HIGHEST_MULTIPLE + 1)..=f64::from(HIGHEST_OF_TWO)).contains(&m);
         let mut reaches_on = || {
             place_of_equal(frequency_hz - 2.0 * spacing).is_some()
                 && place_of_equal(frequency_hz + 2.0 * spacing).is_some()

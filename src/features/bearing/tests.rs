@@ -34,6 +34,7 @@ fn task(known: &[KnownLine]) -> LineTask<'_> {
         expected: Hz(100.0),
         band: RelativeBand::default(),
         side_band_spacing: Hz(25.0),
+        cage_spacing: None,
         is_at_rest: false,
         sum_of_races: None,
         shaft_speed: Hz(28.0),
@@ -253,6 +254,16 @@ fn a_line_of_a_dense_comb_is_told_from_a_line_of_its_own() {
     assert_eq!(slower(&[own, (below, 0.4)], DefectLine::Bpfo), None);
     assert_eq!(slower(&[own, (below, 0.4), (above, 0.2)], DefectLine::Bpfo), None);
     assert_eq!(slower(&[own, (below - 0.05, 0.4), (above + 0.05, 0.4)], DefectLine::Bpfo), None);
+    // Above the fortieth the next ones must be as high.
+    let at_47 = |second: f64| {
+        let g = 98.9 / 47.0;
+        let beside = [(-2.0, second), (-1.0, 0.4), (1.0, 0.4), (2.0, second)];
+        slower(
+            &[vec![own], beside.map(|(k, h)| (98.9 + k * g, h)).to_vec()].concat(),
+            DefectLine::Bpfo,
+        )
+    };
+    assert!(at_47(0.3).is_some() && at_47(0.2).is_none());
     // At the spacing of a rolling element's own side bands, FTF, the second ones must be as high.
     let read = |second: f64, ftf_hz: f64| {
         let beside = [-2.0, -1.0, 1.0, 2.0]
@@ -386,6 +397,20 @@ fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
     // A speed of 0.05 % more: the fourth is 0.2 Hz off.
     assert!(!is_told(&[(99.05, 0.8), (198.1, 0.6), (396.21, 0.4)]), "the shaft's, by the speed");
     assert!(!is_told(&[strikes[0], strikes[1], (132.0, 0.5)]), "the shaft's events are beside it");
+}
+
+#[test]
+fn side_bands_at_the_cages_rate_are_read_beside_a_races_line_that_stands_out() {
+    let read = |depth: f64, cage_spacing: Option<Hz>| {
+        let depth = spectrum_of(&[(98.9, depth), (98.9 - 11.0, 0.2), (98.9 + 11.0, 0.1)], 0.05);
+        let task = LineTask { cage_spacing, ..task(&[]) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap().cage_band
+    };
+    let found = read(0.5, Some(Hz(11.0))).unwrap();
+    assert!((found.depth - 0.2).abs() < 0.02, "{found:?}");
+    assert!(read(0.5, Some(Hz(7.0))).unwrap().depth < 0.05);
+    assert_eq!(read(0.5, None), None);
+    assert_eq!(read(0.02, Some(Hz(11.0))), None);
 }
 
 #[test]

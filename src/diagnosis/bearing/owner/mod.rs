@@ -66,7 +66,12 @@ pub(super) fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> b
 
 /// Whether side bands at the spacing of `search` stand beside its line found at `frequency`.
 pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
-    side_bands(search, frequency) == SideBands::Stand
+    side_bands(search, frequency, |r| r.side_band) == SideBands::Stand
+}
+
+/// Whether side bands at the cage's rate, seen from its race, stand beside a race's line found at `frequency`.
+pub(super) fn has_cage_bands(search: &LineSearch, frequency: Hz) -> bool {
+    side_bands(search, frequency, |r| r.cage_band) == SideBands::Stand
 }
 
 /// What is known of a line's side bands.
@@ -79,10 +84,14 @@ enum SideBands {
     Unknown,
 }
 
-/// Tells whether they stand in a quarter of the bands where the line was found at `frequency`, and in half of those in which faint ones would
+/// Tells whether those that `read` gives stand in a quarter of the bands where the line was found at `frequency`, and in half of those in which faint ones would
 /// be seen (C4): they are weaker than the line, and lost in the noise of bands that hear it less well; but a load modulates what is
 /// struck, and so all bands alike.
-fn side_bands(search: &LineSearch, frequency: Hz) -> SideBands {
+fn side_bands(
+    search: &LineSearch,
+    frequency: Hz,
+    read: fn(&BandReading) -> Option<Harmonic>,
+) -> SideBands {
     let readings = search.outcome.as_deref().unwrap_or(&[]);
     let stands = |p: f64| p <= confidence::FALSE_ALARM_PROBABILITY;
     let found = || {
@@ -92,12 +101,12 @@ fn side_bands(search: &LineSearch, frequency: Hz) -> SideBands {
             .filter(|r| stands(confidence::band_probability(r)))
     };
     let would_show_faint = |r: &&BandReading| {
-        r.side_band.zip(r.harmonics[0]).is_some_and(|(side, line)| {
+        read(r).zip(r.harmonics[0]).is_some_and(|(side, line)| {
             let power_ratio = FAINT * FAINT * line.power_ratio;
             stands(confidence::harmonic_tail(&Harmonic { power_ratio, ..side }))
         })
     };
-    let tail = |r: &BandReading| r.side_band.map_or(1.0, |side| confidence::harmonic_tail(&side));
+    let tail = |r: &BandReading| read(r).map_or(1.0, |side| confidence::harmonic_tail(&side));
     let clear: Vec<f64> = found().filter(would_show_faint).map(tail).collect();
     let all: Vec<f64> = found().map(tail).collect();
     if !clear.is_empty() && !stands(confidence::combine(&clear, HALF)) {
@@ -116,9 +125,10 @@ pub(super) fn contenders<'a>(
     frequency: Hz,
     features: &'a WindowFeatures,
 ) -> Vec<&'a LineSearch> {
+    let own = |r: &BandReading| r.side_band;
     let is_race = matches!(search.line, DefectLine::Bpfi | DefectLine::Bpfo);
     let is_unturned =
-        search.is_of_turning_race() && side_bands(search, frequency) == SideBands::Absent;
+        search.is_of_turning_race() && side_bands(search, frequency, own) == SideBands::Absent;
     let elsewhere = features.bearing_lines.iter().filter(|s| s.bearing != search.bearing);
     let is_carried =
         |s: &LineSearch| is_race && s.line == DefectLine::TwoBsf && has_side_bands(s, frequency);
