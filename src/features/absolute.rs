@@ -118,7 +118,9 @@ impl AbsoluteSpectrum {
         };
         let top = Hz(self.bin_hz * self.depth.len() as f64);
         let band = Band { low: Hz(0.0), high: top, whitened: false };
-        let reading = bearing::read_line(&spectrum, band, task, scratch)?;
+        let read = bearing::read_line(&spectrum, band, task, scratch)?;
+        // The amplitude itself holds the smooth motion of the elements that pass the other race, which stands there, too.
+        let reading = BandReading { is_mirrored: false, ..read };
         let fundamental = reading.harmonics[0]?;
         let amplitude = fundamental.depth * self.scale;
         let floor = amplitude / fundamental.power_ratio.max(f64::MIN_POSITIVE).sqrt();

@@ -8,7 +8,9 @@
 
 mod carrier;
 mod covered;
+mod mirrored;
 mod read;
+mod slower;
 
 use super::Feature;
 use super::bands;
@@ -210,6 +212,9 @@ pub struct BandReading {
     /// Whether a race at rest or a rolling element shows stronger side bands at the shaft's speed than full modulation makes:
     /// then the events are the shaft's, and passing elements modulate them.
     pub is_shaft_product: bool,
+    /// Whether a line half as deep stands as far on the other side of the nearest shaft harmonic: then both are side lines of that, of events of the
+    /// shaft that swing.
+    pub is_mirrored: bool,
     /// A tone that carries most of the band's energy and is none of the line's multiples: what is read then is
     /// that tone's modulation, not impacts.
     pub carrier: Option<Hz>,
@@ -243,6 +248,7 @@ impl BandReading {
             passing_depth: None,
             slower: None,
             is_shaft_product: false,
+            is_mirrored: false,
             carrier: None,
             outdone_by: None,
             mean_square: 1.0,
@@ -281,6 +287,7 @@ impl BandReading {
         self.slower.is_some()
             || self.carrier.is_some()
             || self.is_shaft_product
+            || self.is_mirrored
             || self.is_modulated_shaft()
     }
 

@@ -14,7 +14,9 @@ use super::Searched;
 use super::carrier;
 use super::covered;
 use super::least_part;
+use super::mirrored::is_mirrored;
 use super::searched_range;
+use super::slower::slower_rate;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::units::Hz;
@@ -28,7 +30,7 @@ const LOBE_BINS: usize = 4;
 
 /// A harmonic takes part in the frequency estimate when its power ratio exceeds this: at 12 a noise
 /// cell does so once in 160 000.
-const STANDS_OUT: f64 = 12.0;
+pub(super) const STANDS_OUT: f64 = 12.0;
 
 /// Whether a harmonic takes part in the frequency estimate.
 pub(super) fn stands_out(harmonic: Harmonic) -> bool {
@@ -95,6 +97,7 @@ pub fn read_line(
         cage_spacing.and_then(|cage| self::side_band(spectrum, task, (told_hz, cage), scratch));
     let is_shaft_product =
         is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
+    let is_mirrored = is_mirrored(spectrum, task, (told_hz, fundamental), scratch);
     let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
     Some(BandReading {
         band,
@@ -103,6 +106,7 @@ pub fn read_line(
         side_band,
         cage_band,
         is_shaft_product,
+        is_mirrored,
         shaft_depth: shaft_depth(spectrum, task, frequency),
         passing_depth: task.sum_of_races.map(|sum| depth_at(spectrum, sum.0 - frequency)),
         slower,
@@ -161,7 +165,7 @@ fn side_band(
 }
 
 /// Side bands to either side that are held against the line.
-const SIDE_BANDS: u32 = 2;
+pub(super) const SIDE_BANDS: u32 = 2;
 
 /// How much higher one must be than the line: a defect that is struck once a turn has side bands as high as its line, and what else stands there
 /// or rings on into the next strike adds to them.
@@ -189,150 +193,9 @@ fn higher_side_band(
     is_higher(highest.1).then_some(Hz(highest.0))
 }
 
-/// Highest multiple of a slower rate that a line is checked for: shafts have knocks, and bearings of
-/// fewer than a dozen elements other lines, this far below a defect's.
-const HIGHEST_MULTIPLE: u32 = 12;
-
-/// From this multiple on the comb beside the line is looked at, too: the rate itself is placed the worse the higher the multiple.
-const LOWEST_OF_COMB: u32 = 5;
-
-/// Highest multiple of a comb's rate: what strikes every other or every third turn has lines that reach over all of a defect's, and so has a slow
-/// shaft. The tolerance ends most searches before it.
-const HIGHEST_OF_COMB: u32 = 100;
-
-/// Above this multiple a comb must reach on: so many spacings are tried that two lines may meet one by chance.
-const HIGHEST_OF_TWO: u32 = 40;
-
-/// Half the distance of two lines is known to this, cells, where each is placed within a tenth (0.1/√2).
-const SPACING_TOLERANCE: f64 = 0.07;
-
-/// The tolerance tells a multiple from what lies between two as long as it is this part of the rate at most.
-const MOST_TOLERANCE: f64 = 0.25;
-
-/// That many times the tolerance where a comb reaches on: lines half as deep may be placed so badly, and four need not meet by chance.
-const REACHING_TOLERANCE: f64 = 2.0;
-
-/// A slower rate's line must be this part as high: strikes have lines of heights that fall with the rate.
-const EQUAL_HEIGHT: f64 = 0.5;
-
-/// A rate and its m-th harmonic are found this near to a multiple, cells: an amplitude 11 dB over the noise
-/// places a line within a tenth of a cell, and that counts m times.
-const MULTIPLE_TOLERANCE: f64 = 0.6;
-
-/// And this near, relative, unless the line is sharp: three standard deviations of the speed of an induction motor that wanders
-/// by 0.3 % while the window lasts. Its lines are smeared, highest where the speed turns back, and a line and its multiple need not
-/// be highest at the same turn.
-const WANDER: f64 = 9e-3;
-
-/// Part of the power nearby that the main lobe of a sharp line holds: at least; a line that wanders over twice its lobe's
-/// width has half of it outside, one that mostly rests where the speed turns back a fifth.
-const SHARP: f64 = 0.9;
-
 /// Two lines are apart if the spectrum falls between them to this part of the lower; Hann lobes of lines that are resolved do
 /// not meet.
 pub(super) const VALLEY: f64 = 0.25;
-
-/// Half width of a Hann main lobe, steps of 1/T.
-const HANN_LOBE: f64 = 2.0;
-
-/// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
-/// least half as deep. Half the rate of a rolling element's line is its own: one race struck.
-fn slower_rate(
-    spectrum: &DepthSpectrum<'_>,
-    task: &LineTask<'_>,
-    (frequency_hz, fundamental): (f64, Harmonic),
-    scratch: &mut Vec<f32>,
-) -> Option<Hz> {
-    let wander = if is_sharp(spectrum, task, (frequency_hz, fundamental)) { 0.0 } else { WANDER };
-    let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(wander * frequency_hz);
-    let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
-    let below = (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
-        let centre = bin_at(frequency_hz / multiple, spectrum.bin_hz);
-        let reach = floor_index(tolerance_hz / multiple / spectrum.bin_hz) + 1;
-        let at = strongest_peak(spectrum, centre.saturating_sub(reach)..=centre + reach)?;
-        let (place, height) = peak(spectrum.depth, at);
-        let slower_hz = place * spectrum.bin_hz;
-        let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;
-        let is_equal = is_multiple && height >= EQUAL_HEIGHT * fundamental.depth;
-        let bins = 2.0 * reach as f64 + 1.0;
-        let found =
-            measure(spectrum, task, at, Searched::peaks(bins), scratch).filter(|_| is_equal)?;
-        (found.power_ratio > STANDS_OUT).then_some(Hz(slower_hz))
-    });
-    below.or_else(|| comb_rate(spectrum, task, (frequency_hz, fundamental), scratch))
-}
-
-/// The rate g of a comb of which the line at f is the m-th, m = 5 and above (F14): the lines f ± g beside it stand
-/// out and are half as deep at least, as those of strikes are that have many; a defect's line has none there. Up to the multiples that are
-/// looked for otherwise, and at the spacing of its own side bands, f ± 2g must, too.
-fn comb_rate(
-    spectrum: &DepthSpectrum<'_>,
-    task: &LineTask<'_>,
-    (frequency_hz, fundamental): (f64, Harmonic),
-    scratch: &mut Vec<f32>,
-) -> Option<Hz> {
-    let mut place_of_equal = |near_hz: f64| -> Option<f64> {
-        let centre = bin_at(near_hz, spectrum.bin_hz);
-        let at = strongest_peak(spectrum, centre.saturating_sub(1)..=centre + 1)?;
-        let (place, height) = peak(spectrum.depth, at);
-        if height < EQUAL_HEIGHT * fundamental.depth {
-            return None;
-        }
-        let read = measure(spectrum, task, at, Searched::peaks(3.0), scratch)?;
-        (read.power_ratio > STANDS_OUT).then_some(place * spectrum.bin_hz)
-    };
-    // Where a tolerance is a quarter of the rate, side bands at any spacing would meet it.
-    let tolerance_hz = |m: f64, times: f64| {
-        let hz = times * m * SPACING_TOLERANCE / spectrum.duration_s;
-        Some(hz).filter(|hz| *hz <= MOST_TOLERANCE * frequency_hz / m)
-    };
-    let is_told = |m: &f64| tolerance_hz(*m, 1.0).is_some();
-    let mut multiples = (LOWEST_OF_COMB..=HIGHEST_OF_COMB).map(f64::from).take_while(is_told);
-    multiples.find_map(|m| {
-        let below = place_of_equal(frequency_hz - frequency_hz / m)?;
-        let above = place_of_equal(frequency_hz + frequency_hz / m)?;
-        let spacing = (above - below) / 2.0;
-        // The multiple is one that is looked for or the next.
-        let m = (frequency_hz / spacing).round();
-        let apart = (m * spacing - frequency_hz).abs();
-        let is_multiple = |times: f64| tolerance_hz(m, times).is_some_and(|hz| apart <= hz);
-        let is_common = (spacing - task.side_band_spacing.0).abs() <= task.resolution.0
-            || !(f64::from(HIGHEST_MULTIPLE + 1)..=f64::from(HIGHEST_OF_TWO)).contains(&m);
-        let mut reaches_on = || {
-            place_of_equal(frequency_hz - 2.0 * spacing).is_some()
-                && place_of_equal(frequency_hz + 2.0 * spacing).is_some()
-        };
-        let is_of_comb = is_multiple(1.0) && !is_common
-            || (is_multiple(1.0) || is_multiple(REACHING_TOLERANCE)) && reaches_on();
-        is_of_comb.then_some(Hz(spacing))
-    })
-}
-
-/// Whether the main lobe at `frequency_hz` holds most of the power over the floor as far around it as a line may wander, known
-/// lines apart from it left out: then it has not wandered, and neither has what it is a multiple of.
-fn is_sharp(
-    spectrum: &DepthSpectrum<'_>,
-    task: &LineTask<'_>,
-    (frequency_hz, fundamental): (f64, Harmonic),
-) -> bool {
-    let (lobe_hz, reach_hz) = (HANN_LOBE / spectrum.duration_s, WANDER * frequency_hz);
-    let floor = fundamental.depth * fundamental.depth / fundamental.power_ratio;
-    let near = |line: &&KnownLine| (line.frequency.0 - frequency_hz).abs() < reach_hz + lobe_hz;
-    let apart = |line: &&KnownLine| is_apart(spectrum, line.frequency.0, frequency_hz);
-    let known: Vec<f64> =
-        task.known.iter().filter(near).filter(apart).map(|line| line.frequency.0).collect();
-    let is_left_out = |k: usize| {
-        let hz = k as f64 * spectrum.bin_hz;
-        known.iter().any(|known_hz| (known_hz - hz).abs() < task.resolution.0)
-    };
-    let power_within = |reach_hz: f64| -> f64 {
-        let bins = bin_at((frequency_hz - reach_hz).max(0.0), spectrum.bin_hz)
-            ..=bin_at(frequency_hz + reach_hz, spectrum.bin_hz);
-        let powers = bins.filter(|k| !is_left_out(*k)).filter_map(|k| spectrum.depth.get(k));
-        powers.map(|d| f64::from(*d).powi(2) - floor).sum()
-    };
-    reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
-}
 
 /// Whether the spectrum falls between two lines below a quarter of either: one that is smeared over both does not.
 pub(super) fn is_apart(spectrum: &DepthSpectrum<'_>, one_hz: f64, other_hz: f64) -> bool {

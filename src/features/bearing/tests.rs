@@ -194,6 +194,33 @@ fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
 }
 
 #[test]
+fn what_stands_on_either_side_of_a_shafts_harmonic_is_that_ones() {
+    // 4x of 25 Hz is at 100 Hz; a line 2 Hz below, and what stands beside it.
+    let is_mirrored = |beside: &[(f64, f64)], known: &[KnownLine]| {
+        let depth = spectrum_of(&[&[(98.0, 0.5), (196.0, 0.3)], beside].concat(), 0.05);
+        let task = LineTask { line: DefectLine::Bpfi, shaft_speed: Hz(25.0), ..task(known) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap().is_mirrored
+    };
+    assert!(is_mirrored(&[(102.0, 0.3)], &[]));
+    assert!(!is_mirrored(&[], &[]) && !is_mirrored(&[(102.0, 0.2)], &[]));
+    assert!(!is_mirrored(&[(102.2, 0.5)], &[]), "not as far away");
+    // The shaft turns 0.2 % faster than told: its harmonic is at 100.2 Hz.
+    assert!(is_mirrored(&[(100.2, 0.4), (102.4, 0.3)], &[]));
+    let mains = KnownLine { frequency: Hz(102.0), spacing: Hz(51.0), label: "mains".to_owned() };
+    assert!(!is_mirrored(&[(102.0, 0.3)], &[mains]));
+    // Half way between two harmonics the mirror is a side band of its own, 1x off.
+    let half = spectrum_of(&[(98.0, 0.5), (196.0, 0.3), (98.0 + 28.0, 0.3)], 0.05);
+    let task = LineTask {
+        line: DefectLine::Bpfi,
+        shaft_speed: Hz(28.0),
+        side_band_spacing: Hz(28.0),
+        ..task(&[])
+    };
+    let reading = read_line(&of_ten_seconds(&half), BAND, &task, &mut Vec::new()).unwrap();
+    assert!(!reading.is_mirrored && reading.side_band.unwrap().depth > 0.25);
+}
+
+#[test]
 fn a_side_band_higher_than_the_line_is_what_the_line_is_a_side_band_of() {
     // Beside a line at 100 Hz, side bands 25 Hz apart.
     let outdone = |beside: &[(f64, f64)], known: &[KnownLine]| {
