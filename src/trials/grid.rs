@@ -8,6 +8,7 @@ use super::drawn;
 use super::drawn::plant::Kind;
 use super::gears;
 use super::motion::Motion;
+use super::motion::SLOW_SWING_S;
 use super::rig;
 use super::rig::Bad;
 use super::rig::Rig;
@@ -29,6 +30,8 @@ pub enum Part {
     Paces,
     /// Machines drawn at random whose bearings, two to four, are of one type.
     Alike,
+    /// Machines drawn at random whose speed swings within a few revolutions.
+    Swinging,
     /// Gear pairs.
     Gears,
     /// The simulated rig.
@@ -37,8 +40,15 @@ pub enum Part {
 
 impl Part {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Stand, Self::Drawn, Self::Paces, Self::Alike, Self::Gears, Self::Rig];
+    pub const ALL: [Self; 7] = [
+        Self::Stand,
+        Self::Drawn,
+        Self::Paces,
+        Self::Alike,
+        Self::Swinging,
+        Self::Gears,
+        Self::Rig,
+    ];
 
     /// Name of the part.
     #[must_use]
@@ -48,6 +58,7 @@ impl Part {
             Self::Drawn => "drawn",
             Self::Paces => "paces",
             Self::Alike => "alike",
+            Self::Swinging => "swinging",
             Self::Gears => "gears",
             Self::Rig => "rig",
         }
@@ -61,8 +72,8 @@ pub struct Plan {
     pub first_seed: u64,
     /// Seeds of each cell of the stand; the rig takes the first.
     pub n_seeds: u64,
-    /// One speed, clearance, load, size and noise of the rig instead of all, and drawn machines at usual speeds, with bearings that
-    /// differ, only.
+    /// One speed, clearance, load, size and noise of the rig instead of all, and drawn machines at usual, even speeds, with
+    /// bearings that differ, only.
     pub is_thin: bool,
     /// Only machines in good health.
     pub is_healthy: bool,
@@ -95,7 +106,7 @@ const MOTIONS: [(&str, Motion, bool); 5] = [
     ("steady", Motion::Steady, false),
     ("wander of 0.3 %", Motion::Wander(0.003), false),
     ("wander of 0.3 %, tacho", Motion::Wander(0.003), true),
-    ("swing of 10 %, tacho", Motion::Swing(0.1), true),
+    ("swing of 10 %, tacho", Motion::Swing(0.1, SLOW_SWING_S), true),
     ("run-up to the double, tacho", Motion::Ramp(0.55, 1.1), true),
 ];
 
@@ -126,6 +137,9 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
     }
     if has(Part::Alike) && !plan.is_thin {
         tasks.extend(drawn_tasks(plan, Kind::Alike));
+    }
+    if has(Part::Swinging) && !plan.is_thin {
+        tasks.extend(drawn_tasks(plan, Kind::Swinging));
     }
     if has(Part::Gears) {
         tasks.extend(gear_tasks(plan));

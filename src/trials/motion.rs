@@ -11,20 +11,20 @@ pub enum Motion {
     Steady,
     /// A slow random wander of this standard deviation, relative, between 0.05 and 0.5 Hz.
     Wander(f64),
-    /// A swing of ± this part, once in 5 s.
-    Swing(f64),
+    /// A swing of ± this part, once in so many seconds.
+    Swing(f64, f64),
     /// From the speed times the first to the speed times the second, evenly.
     Ramp(f64, f64),
 }
+
+/// Period of a swing over many revolutions, s.
+pub const SLOW_SWING_S: f64 = 5.0;
 
 /// Sines of a wander.
 const N_SINES: u32 = 8;
 
 /// Slowest and fastest sine of a wander, Hz.
 const WANDER_HZ: (f64, f64) = (0.05, 0.5);
-
-/// Period of a swing, s.
-const SWING_S: f64 = 5.0;
 
 /// A motion with its numbers drawn: speed f·(1 + r·t + Σ a·cos(2πνt + φ)).
 #[derive(Debug, Clone)]
@@ -51,8 +51,8 @@ impl Turn {
                 };
                 Self { sines: (0..N_SINES).map(sine).collect(), ..still }
             }
-            Motion::Swing(depth) => {
-                Self { sines: vec![(depth, 1.0 / SWING_S, phase(random))], ..still }
+            Motion::Swing(depth, period_s) => {
+                Self { sines: vec![(depth, 1.0 / period_s, phase(random))], ..still }
             }
             Motion::Ramp(from, to) => Self {
                 speed_hz: from * speed_hz,
@@ -96,7 +96,7 @@ mod tests {
     fn the_angle_is_the_integral_of_the_speed_and_its_inverse_is_exact() {
         let mut random = Pcg64Mcg::seed_from_u64(1);
         for motion in
-            [Motion::Steady, Motion::Wander(0.003), Motion::Swing(0.2), Motion::Ramp(0.5, 1.2)]
+            [Motion::Steady, Motion::Wander(0.003), Motion::Swing(0.2, 5.0), Motion::Ramp(0.5, 1.2)]
         {
             let turn = Turn::draw(motion, 30.0, 10.0, &mut random);
             let (mut turned, step) = (0.0, 1e-4);

@@ -263,6 +263,21 @@ mod tests {
     }
 
     #[test]
+    fn a_speed_that_swings_does_so_within_a_few_revolutions() {
+        for number in 0..20 {
+            let mut random = Pcg64Mcg::seed_from_u64(number);
+            let plant = Plant::draw(Kind::Swinging, &mut random).unwrap();
+            let speed_hz = plant.mean_speed().0;
+            // Over a period of the longest swing it goes through both its ends; means lie within it.
+            let times_s = (0..400).map(|i| f64::from(i) * 0.1 / speed_hz);
+            let speeds: Vec<f64> = times_s.map(|t| plant.turn.speed_hz(t) / speed_hz).collect();
+            let most = speeds.iter().copied().fold(0.0, f64::max);
+            let least = speeds.iter().copied().fold(2.0, f64::min);
+            assert!((0.0039..0.11).contains(&(most - least)), "{plant}: {least} {most}");
+        }
+    }
+
+    #[test]
     fn bearings_that_are_alike_have_the_same_rates_and_a_sensor_each() {
         let mut n_bearings = BTreeSet::new();
         for number in 0..20 {

@@ -7,6 +7,7 @@ use crate::machine::bearing::FaultOrders;
 use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
 use crate::trials::motion::Motion;
+use crate::trials::motion::SLOW_SWING_S;
 use crate::trials::motion::Turn;
 use crate::units::Hz;
 use rand::RngExt;
@@ -44,6 +45,8 @@ pub enum Kind {
     Fast,
     /// As usual, with bearings of one type.
     Alike,
+    /// As usual, of a speed that swings within a few revolutions: reciprocating loads, couplings, controllers that hunt.
+    Swinging,
 }
 
 impl Kind {
@@ -55,6 +58,7 @@ impl Kind {
             Self::Usual => "drawn",
             Self::Fast => "drawn, fast",
             Self::Alike => "drawn, alike",
+            Self::Swinging => "drawn, swinging",
         }
     }
 
@@ -62,7 +66,7 @@ impl Kind {
     fn speed_hz(self) -> (f64, f64) {
         match self {
             Self::Slow => (0.5, 8.0),
-            Self::Usual | Self::Alike => (8.0, 50.0),
+            Self::Usual | Self::Alike | Self::Swinging => (8.0, 50.0),
             Self::Fast => (50.0, 500.0),
         }
     }
@@ -71,7 +75,7 @@ impl Kind {
     fn duration_s(self) -> (f64, f64) {
         match self {
             Self::Slow => (20.0, 100.0),
-            Self::Usual | Self::Fast | Self::Alike => (1.0, 20.0),
+            Self::Usual | Self::Fast | Self::Alike | Self::Swinging => (1.0, 20.0),
         }
     }
 
@@ -79,7 +83,7 @@ impl Kind {
     fn rates_hz(self) -> &'static [f64] {
         match self {
             Self::Slow => &RATES_HZ[..6],
-            Self::Usual | Self::Alike => &RATES_HZ,
+            Self::Usual | Self::Alike | Self::Swinging => &RATES_HZ,
             Self::Fast => &RATES_HZ[9..],
         }
     }
@@ -87,7 +91,7 @@ impl Kind {
     /// Bearings at least and at most.
     fn n_bearings(self) -> (usize, usize) {
         match self {
-            Self::Slow | Self::Usual | Self::Fast => (1, 2),
+            Self::Slow | Self::Usual | Self::Fast | Self::Swinging => (1, 2),
             Self::Alike => (2, 4),
         }
     }
@@ -159,7 +163,11 @@ impl Plant {
         let duration_s = n_samples as f64 / rate.0;
         let speed_hz = log_uniform(kind.speed_hz(), random);
         let told = Told::draw(duration_s, random);
-        let turn = Turn::draw(motion(told, random), speed_hz, duration_s, random);
+        let motion = match kind {
+            Kind::Swinging => swing(speed_hz, random),
+            Kind::Slow | Kind::Usual | Kind::Fast | Kind::Alike => motion(told, random),
+        };
+        let turn = Turn::draw(motion, speed_hz, duration_s, random);
         let turned: Vec<f64> =
             (0..n_samples).map(|i| turn.revolutions(i as f64 / rate.0)).collect();
         let mean_hz = turn.revolutions(duration_s) / duration_s;
@@ -221,12 +229,21 @@ impl fmt::Display for Plant {
     }
 }
 
+/// How far a speed swings that does so within a few revolutions, relative, and within how many.
+const SWINGS_BY: (f64, f64) = (0.002, 0.05);
+const SWING_REVOLUTIONS: (f64, f64) = (3.0, 40.0);
+
+fn swing(speed_hz: f64, random: &mut Pcg64Mcg) -> Motion {
+    let depth = log_uniform(SWINGS_BY, random);
+    Motion::Swing(depth, log_uniform(SWING_REVOLUTIONS, random) / speed_hz)
+}
+
 fn motion(told: Told, random: &mut Pcg64Mcg) -> Motion {
     let wanders = match told {
         Told::Tacho if random.random_bool(0.5) => {
             let depth = random.random_range(0.015..0.15);
             return if random.random_bool(0.5) {
-                Motion::Swing(depth)
+                Motion::Swing(depth, SLOW_SWING_S)
             } else {
                 Motion::Ramp(1.0 - depth, 1.0 + depth)
             };
