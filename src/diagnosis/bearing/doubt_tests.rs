@@ -11,6 +11,7 @@ use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::ChannelFeatures;
+use crate::features::Elsewhere;
 use crate::features::Feature;
 use crate::features::WindowFeatures;
 use crate::features::absolute;
@@ -144,14 +145,14 @@ pub(in crate::diagnosis::bearing) fn judged_at(
     lines: Vec<LineSearch>,
     others: (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
 ) -> Vec<ComponentDiagnosis> {
-    told_at(speed, moved, lines, others).0
+    told_at(speed, moved, (lines, Vec::new()), others).0
 }
 
-/// The same, and what is damaged though it is not told where.
+/// The same, and what is damaged though it is not told where; with the lines of other speeds of the shaft.
 pub(in crate::diagnosis::bearing) fn told_at(
     speed: Speed,
     moved: f64,
-    lines: Vec<LineSearch>,
+    (lines, elsewhere): (Vec<LineSearch>, Vec<Elsewhere>),
     (absolute_lines, combs, impulses): (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
 ) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
     let machine = file::parse(MACHINE, "m.toml").unwrap();
@@ -209,7 +210,7 @@ pub(in crate::diagnosis::bearing) fn told_at(
             floor_dof: 100.0,
         }],
         bearing_lines,
-        elsewhere: Vec::new(),
+        elsewhere,
         absolute_lines,
         impulses,
         combs,

@@ -107,8 +107,13 @@ fn reopen(
         ..features.clone()
     };
     let accused = judge_all(&there, context, &accept::accept(&there));
-    for (verdict, (there, unplaced)) in verdicts.iter_mut().zip(accused) {
-        let is_accused = there.state.is_accusation() || unplaced.is_some();
+    let unplaced: Vec<BearingIndex> = accused
+        .iter()
+        .filter_map(|(_, found)| found.as_ref())
+        .flat_map(|f| f.bearings.clone())
+        .collect();
+    for (bearing, (verdict, (there, _))) in verdicts.iter_mut().zip(accused).enumerate() {
+        let is_accused = there.state.is_accusation() || unplaced.contains(&BearingIndex(bearing));
         if verdict.state == State::Healthy && is_accused {
             let at = features.speed.first.map_or(0.0, |first| first.0);
             let told = match features.speed.source {

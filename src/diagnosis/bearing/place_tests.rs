@@ -7,10 +7,22 @@ use super::*;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::Elsewhere;
 use crate::features::speed::Speed;
 
 fn told(lines: Vec<LineSearch>) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
-    told_at(Speed::unknown(), 1.0, lines, (Vec::new(), Vec::new(), Vec::new()))
+    told_too(lines, Vec::new())
+}
+
+/// The same, with these at 31 Hz, a speed the shaft may have as well.
+fn told_too(
+    lines: Vec<LineSearch>,
+    at_31_hz: Vec<LineSearch>,
+) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
+    let is_tried = !at_31_hz.is_empty();
+    let elsewhere =
+        is_tried.then_some(Elsewhere { first: Hz(31.0), lines: at_31_hz }).into_iter().collect();
+    told_at(Speed::unknown(), 1.0, (lines, elsewhere), (Vec::new(), Vec::new(), Vec::new()))
 }
 
 /// BPFI of a, two harmonics 0.6 deep in four bands of power 1.
@@ -132,4 +144,41 @@ fn a_rate_that_a_bearing_without_a_sensor_has_is_not_placed() {
     assert!(unplaced.is_some_and(|u| u.why.contains("bearings a and b")));
     let (verdicts, unplaced) = at(150.0);
     assert_eq!((verdicts[0].fault, unplaced), (Some(FaultMode::InnerRace), None));
+}
+
+#[test]
+fn a_line_of_another_speed_leaves_every_bearing_open_that_may_have_it() {
+    let states = |at_31_hz: Vec<LineSearch>| {
+        let (verdicts, unplaced) = told_too(Vec::new(), at_31_hz);
+        assert_eq!(unplaced, None, "at a speed that is not the one stated");
+        verdicts.iter().for_each(|v| {
+            let is_open = v.state == State::Undetermined;
+            assert_eq!(is_open, v.why.contains("measure the speed"), "{}", v.why);
+        });
+        [verdicts[0].state, verdicts[1].state]
+    };
+    assert_eq!(states(Vec::new()), [State::Healthy; 2]);
+    assert_eq!(states(vec![own()]), [State::Undetermined, State::Healthy]);
+    assert_eq!(states(vec![own(), other(1.0)]), [State::Undetermined; 2]);
+}
+
+#[test]
+fn a_cages_rate_is_another_bearings_by_its_cage_alone() {
+    // Of the bearing without a sensor FTF is 0.398 times, BPFI 5.415 times the 30 Hz of the shaft.
+    let at = |frequency: f64| {
+        let mut cage = changed(search(0, DefectLine::Ftf, 0.8), |r| r.frequency = Hz(frequency));
+        cage.expected = Hz(frequency);
+        let race = changed(search(0, DefectLine::Bpfo, 0.12), |r| r.cage_band = r.harmonics[0]);
+        let deaf = |line: DefectLine| LineSearch {
+            outcome: Err(crate::features::bearing::Unreadable::TooShort { needed_s: 1.0 }),
+            ..search(1, line, 0.0)
+        };
+        told(vec![cage, race, deaf(DefectLine::Bpfi), deaf(DefectLine::Bpfo)])
+    };
+    let (verdicts, unplaced) = at(11.9);
+    assert_eq!(verdicts[0].state, State::Undetermined, "{}", verdicts[0].why);
+    assert!(unplaced.is_some_and(|u| u.why.contains("bearings a and b")));
+    let (verdicts, unplaced) = at(162.0);
+    let why = &verdicts[0].why;
+    assert_eq!((verdicts[0].fault, unplaced), (Some(FaultMode::Cage), None), "{why}");
 }
