@@ -90,14 +90,15 @@ pub fn read_line(
     }
     let frequency = sums.0 / sums.1 * spectrum.bin_hz;
     // What stands beside it is read, and held against it, where it is told.
-    let told_hz = told.map_or(1, |told| told.multiple) as f64 * frequency;
+    let multiple = told.map_or(1, |told| told.multiple) as f64;
+    let told_hz = multiple * frequency;
     let side_band = side_band(spectrum, task, (told_hz, task.side_band_spacing), scratch);
     let cage_spacing = task.cage_spacing.filter(|_| stands_out(fundamental));
     let cage_band =
         cage_spacing.and_then(|cage| self::side_band(spectrum, task, (told_hz, cage), scratch));
     let is_shaft_product =
         is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
-    let is_mirrored = is_mirrored(spectrum, task, (told_hz, fundamental), scratch);
+    let is_mirrored = is_mirrored(spectrum, task, (told_hz, fundamental, multiple), scratch);
     let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
     Some(BandReading {
         band,
@@ -242,7 +243,7 @@ pub(in crate::features) fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: 
 }
 
 /// Strongest local maximum of `first..=last` that no known line covers, and what it was searched in: what rises towards a bin
-/// beside it is the skirt of a line there.
+/// beside it is the skirt of a line there (F14).
 fn strongest_line(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,

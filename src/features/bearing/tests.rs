@@ -208,6 +208,16 @@ fn what_stands_on_either_side_of_a_shafts_harmonic_is_that_ones() {
     assert!(is_mirrored(&[(100.2, 0.4), (102.4, 0.3)], &[]));
     let mains = KnownLine { frequency: Hz(102.0), spacing: Hz(51.0), label: "mains".to_owned() };
     assert!(!is_mirrored(&[(102.0, 0.3)], &[mains]));
+    // Of the race that turns, the mirror may be a side band of the line at the rate of the other race, 152 Hz: no higher than that.
+    let beside_passing = |passing: f64| {
+        let lines = [(98.0, 0.5), (196.0, 0.3), (102.0, 0.3), (152.0, passing)];
+        let depth = spectrum_of(&lines, 0.05);
+        let sum_of_races = Some(Hz(250.0));
+        let (line, shaft_speed) = (DefectLine::Bpfi, Hz(25.0));
+        let task = LineTask { line, shaft_speed, sum_of_races, ..task(&[]) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap().is_mirrored
+    };
+    assert!(beside_passing(0.2) && !beside_passing(0.4));
     // Half way between two harmonics the mirror is a side band of its own, 1x off.
     let half = spectrum_of(&[(98.0, 0.5), (196.0, 0.3), (98.0 + 28.0, 0.3)], 0.05);
     let task = LineTask {
