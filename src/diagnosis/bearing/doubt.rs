@@ -20,6 +20,7 @@ use crate::features::bearing::LineSearch;
 use crate::features::speed::REFINE_RANGE;
 use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
+use crate::units::Hz;
 
 /// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
 /// more than chance and less than a verdict: structural lines fill one of four bands at most.
@@ -341,33 +342,34 @@ fn is_turned(line: &Candidate<'_>) -> bool {
 fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     line.search.line == DefectLine::Ftf
         && !risen::is_news(line, seen)
-        && !beside(line, seen).any(|(s, race)| {
-            let at = race.best.as_ref().map(|best| best.frequency);
-            at.is_some_and(|at| owner::has_cage_bands(s, at)) && is_notable(&race)
-        })
+        && !shows_beside(line, seen, owner::has_cage_bands)
 }
 
-/// What this bearing's races and elements show in the channel of a cage's line.
-fn beside<'a>(
-    line: &Candidate<'a>,
-    seen: &Seen<'a>,
-) -> impl Iterator<Item = (&'a LineSearch, Candidate<'a>)> {
+/// Whether a race or the elements of this bearing show a line in the channel of a cage's, with side bands such as `has_bands` asks for.
+fn shows_beside(
+    line: &Candidate<'_>,
+    seen: &Seen<'_>,
+    has_bands: impl Fn(&LineSearch, Hz) -> bool,
+) -> bool {
     let looks = accept::n_looks(seen.features, seen.bearing);
     let place = (line.search.bearing, line.search.channel);
     let lines = seen.features.bearing_lines.iter();
     lines
-        .filter(move |s| (s.bearing, s.channel) == place && s.line != DefectLine::Ftf)
+        .filter(|s| (s.bearing, s.channel) == place && s.line != DefectLine::Ftf)
         .filter(|s| s.outcome.is_ok())
-        .map(move |s| (s, Candidate::weigh(s, &[], looks)))
+        .any(|s| {
+            let other = Candidate::weigh(s, &[], looks);
+            let at = other.best.as_ref().map(|best| best.frequency);
+            at.is_some_and(|at| has_bands(s, at)) && is_notable(&other)
+        })
 }
 
 /// Whether it is a cage's line beside which that of the elements stands in the channel, with side bands at FTF (C9): elements that the cage
 /// carries through the load make both.
 fn is_of_elements(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     line.search.line == DefectLine::Ftf
-        && beside(line, seen).filter(|(s, _)| s.line == DefectLine::TwoBsf).any(|(s, element)| {
-            let at = element.best.as_ref().map(|best| best.frequency);
-            at.is_some_and(|at| owner::has_side_bands(s, at)) && is_notable(&element)
+        && shows_beside(line, seen, |s, at| {
+            s.line == DefectLine::TwoBsf && owner::has_side_bands(s, at)
         })
 }
 

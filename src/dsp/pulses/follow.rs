@@ -169,7 +169,7 @@ impl PulseTrainPlan {
         }
         self.take_out_outliers();
         let jitter_rms_s = self.measure_jitter();
-        let half_width = self.smoothing_half_width();
+        let half_width = self.smoothing_half_width(jitter_rms_s);
         let from = self.times_s.len();
         for i in 0..self.knots.len() {
             let (time_s, mark) = self.knots[i];

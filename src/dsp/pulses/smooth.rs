@@ -121,16 +121,20 @@ impl PulseTrainPlan {
     /// Writes how far each knot is off the parabola through the eight around it, s, over what the
     /// parabola itself is uncertain; returns the RMS. `None` for fewer than ten knots.
     pub(super) fn measure_jitter(&mut self) -> Option<f64> {
+        self.measure_residuals(HALF_WIDTH)
+    }
+
+    /// The same for the parabola through so many knots on either side.
+    fn measure_residuals(&mut self, half_width: usize) -> Option<f64> {
         self.residuals_s.clear();
-        if self.knots.len() < 2 * HALF_WIDTH + 2 {
+        if self.knots.len() < 2 * half_width + 2 {
             return None;
         }
         for i in 0..self.knots.len() {
-            let residual_s = self.residual_s(i, HALF_WIDTH)?;
+            let residual_s = self.residual_s(i, half_width)?;
             self.residuals_s.push(residual_s);
         }
-        let squares: f64 = self.residuals_s.iter().map(|r| r * r).sum();
-        Some((squares / self.residuals_s.len() as f64).sqrt())
+        stats::rms(&self.residuals_s)
     }
 
     /// How far a knot is off the parabola through those around it, s, over what jitter makes of that: its RMS is the jitter's, whatever the width.
@@ -202,38 +206,40 @@ impl PulseTrainPlan {
     }
 
     /// Knots on either side that smooth one: the most, by halves of those asked for, over which a parabola misses no more of the motion than there
-    /// is jitter (D63); 0 if none does.
-    pub(super) fn smoothing_half_width(&self) -> usize {
+    /// is jitter (D63); 0 if none does, and those asked for where there are too few to tell. `jitter_rms_s`: what [`Self::measure_jitter`] gave.
+    pub(super) fn smoothing_half_width(&mut self, jitter_rms_s: Option<f64>) -> usize {
         let asked = self.wheel.smoothing_pulses;
-        if self.knots.len() < 2 * asked.max(HALF_WIDTH) + 2 {
+        if asked < NEAREST || self.knots.len() < 2 * asked.max(HALF_WIDTH) + 2 {
             return asked;
         }
-        let jitter_s = self.white_jitter_s().max(self.wheel.rounding_s);
-        let halved = |half: &usize| (*half > NEAREST).then_some((half / 2).max(NEAREST));
-        let mut halves = std::iter::successors((asked >= NEAREST).then_some(asked), halved);
-        let follows = |half: &usize| {
-            self.residual_rms_s(*half).is_some_and(|missed_s| missed_s <= MISSED * jitter_s)
-        };
-        halves.find(follows).unwrap_or(0)
-    }
-
-    fn residual_rms_s(&self, half_width: usize) -> Option<f64> {
-        let n = self.knots.len();
-        let squares = (0..n).map(|i| self.residual_s(i, half_width).map(|r| r * r));
-        squares.sum::<Option<f64>>().map(|sum| (sum / n as f64).sqrt())
+        let bearable_s = MISSED * self.white_jitter_s().max(self.wheel.rounding_s);
+        let mut half_width = asked;
+        loop {
+            let missed_s = match half_width {
+                HALF_WIDTH => jitter_rms_s,
+                _ => self.measure_residuals(half_width),
+            };
+            if missed_s.is_some_and(|missed_s| missed_s <= bearable_s) {
+                return half_width;
+            }
+            if half_width == NEAREST {
+                return 0;
+            }
+            half_width = (half_width / 2).max(NEAREST);
+        }
     }
 
     /// RMS of what knots are off the parabola through the four nearest, s, if successive ones are off as jitter lets them be; 0 otherwise.
-    fn white_jitter_s(&self) -> f64 {
-        let (mut square, mut product, mut last, mut n) = (0.0, 0.0, None, 0.0);
-        for i in NEAREST..self.knots.len().saturating_sub(NEAREST) {
-            let Some(residual_s) = self.residual_s(i, NEAREST) else { return 0.0 };
-            square += residual_s * residual_s;
-            product += residual_s * last.unwrap_or(0.0);
-            last = Some(residual_s);
-            n += 1.0;
+    fn white_jitter_s(&mut self) -> f64 {
+        if self.measure_residuals(NEAREST).is_none() {
+            return 0.0;
         }
-        if product <= WHITE * square && square > 0.0 { (square / n).sqrt() } else { 0.0 }
+        // At the ends the parabola is not centred.
+        let centred = &self.residuals_s[NEAREST..self.residuals_s.len() - NEAREST];
+        let square: f64 = centred.iter().map(|r| r * r).sum();
+        let product: f64 = centred.windows(2).map(|pair| pair[0] * pair[1]).sum();
+        let is_white = square > 0.0 && product <= WHITE * square;
+        if is_white { (square / centred.len() as f64).sqrt() } else { 0.0 }
     }
 
     /// Angle at a knot's time by the parabola through the knots around it, revolutions; `None` if they

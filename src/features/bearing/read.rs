@@ -92,10 +92,10 @@ pub fn read_line(
     // What stands beside it is read, and held against it, where it is told.
     let multiple = told.map_or(1, |told| told.multiple) as f64;
     let told_hz = multiple * frequency;
-    let side_band = side_band(spectrum, task, (told_hz, task.side_band_spacing), scratch);
     let cage_spacing = task.cage_spacing.filter(|_| stands_out(fundamental));
     let cage_band =
-        cage_spacing.and_then(|cage| self::side_band(spectrum, task, (told_hz, cage), scratch));
+        cage_spacing.and_then(|cage| side_band(spectrum, task, (told_hz, cage), scratch));
+    let side_band = side_band(spectrum, task, (told_hz, task.side_band_spacing), scratch);
     let is_shaft_product =
         is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
     let is_mirrored = is_mirrored(spectrum, task, (told_hz, fundamental, multiple), scratch);

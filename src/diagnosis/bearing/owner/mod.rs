@@ -66,12 +66,12 @@ pub(super) fn may_stand_at(search: &LineSearch, frequency: Hz, beyond: f64) -> b
 
 /// Whether side bands at the spacing of `search` stand beside its line found at `frequency`.
 pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
-    side_bands(search, frequency, |r| r.side_band) == SideBands::Stand
+    side_bands(search, frequency) == SideBands::Stand
 }
 
 /// Whether side bands at the cage's rate, seen from its race, stand beside a race's line found at `frequency`.
 pub(super) fn has_cage_bands(search: &LineSearch, frequency: Hz) -> bool {
-    side_bands(search, frequency, |r| r.cage_band) == SideBands::Stand
+    bands_beside(search, frequency, |r| r.cage_band) == SideBands::Stand
 }
 
 /// What is known of a line's side bands.
@@ -84,10 +84,15 @@ enum SideBands {
     Unknown,
 }
 
-/// Tells whether those that `read` gives stand in a quarter of the bands where the line was found at `frequency`, and in half of those in which faint ones would
-/// be seen (C4): they are weaker than the line, and lost in the noise of bands that hear it less well; but a load modulates what is
+/// What is known of those at the spacing of `search` beside its line found at `frequency`.
+fn side_bands(search: &LineSearch, frequency: Hz) -> SideBands {
+    bands_beside(search, frequency, |r| r.side_band)
+}
+
+/// Tells whether those that `read` gives stand in a quarter of the bands where the line was found at `frequency`, and in half of
+/// those in which faint ones would be seen (C4): they are weaker than the line, and lost in the noise of bands that hear it less well; but a load modulates what is
 /// struck, and so all bands alike.
-fn side_bands(
+fn bands_beside(
     search: &LineSearch,
     frequency: Hz,
     read: fn(&BandReading) -> Option<Harmonic>,
@@ -125,10 +130,9 @@ pub(super) fn contenders<'a>(
     frequency: Hz,
     features: &'a WindowFeatures,
 ) -> Vec<&'a LineSearch> {
-    let own = |r: &BandReading| r.side_band;
     let is_race = matches!(search.line, DefectLine::Bpfi | DefectLine::Bpfo);
     let is_unturned =
-        search.is_of_turning_race() && side_bands(search, frequency, own) == SideBands::Absent;
+        search.is_of_turning_race() && side_bands(search, frequency) == SideBands::Absent;
     let elsewhere = features.bearing_lines.iter().filter(|s| s.bearing != search.bearing);
     let is_carried =
         |s: &LineSearch| is_race && s.line == DefectLine::TwoBsf && has_side_bands(s, frequency);
