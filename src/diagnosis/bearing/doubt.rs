@@ -193,7 +193,7 @@ pub(super) fn why_open(
         Doubt::NearMultiple => said::near_multiple(line, seen.context),
         Doubt::Overheard => said::overheard(line, seen.context),
         Doubt::Smooth => said::smooth(line, seen.context),
-        Doubt::OfTone => said::of_tone(line, seen.context),
+        Doubt::OfTone => said::of_tone(line, seen),
         Doubt::NotGrown => said::not_grown(line, seen.context),
         Doubt::NearLimit => said::too_near(line, seen.context),
     });
@@ -208,7 +208,7 @@ pub(super) fn why_open(
         let is_odd =
             |c: &&Candidate<'_>| c.is_deep_in_few() && !is_sound(c) && !has_not_grown(c, seen);
         let deep = of_elements.find(is_odd)?;
-        Some(said::in_few_bands(deep, seen.context))
+        Some(said::in_few_bands(deep, seen))
     };
     let of_several = || {
         let looks = accept::n_looks(seen.features, seen.bearing);
@@ -294,7 +294,7 @@ fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
     };
     let lines = candidates.iter().filter(|_| seen.accepted.iter().all(is_own));
     let deepest = lines.filter(is_open).max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
-    Some(said::half_deep(deepest, seen.context))
+    Some(said::half_deep(deepest, seen))
 }
 
 /// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of

@@ -26,7 +26,7 @@ use crate::features::overall;
 use crate::units::Unit;
 
 /// Growth of a depth from which it counts: a depth is of the squared envelope, so that twice the blows (S2) have four times of it.
-const GROWN: f64 = level::WARNING_RATIO * level::WARNING_RATIO;
+pub(super) const GROWN: f64 = level::WARNING_RATIO * level::WARNING_RATIO;
 
 /// A line that has grown.
 #[derive(Debug)]
@@ -106,12 +106,17 @@ pub(super) fn strongest<'a>(seen: &Seen<'a>) -> Option<Risen<'a>> {
 
 /// Whether a line is so much deeper than in the baseline as to be news.
 pub(super) fn is_news(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    growth(line, seen.features, seen.context).is_some_and(|(ratio, _)| ratio >= GROWN)
+    ratio(line, seen).is_some_and(|ratio| ratio >= GROWN)
 }
 
 /// Whether a baseline has a line about as deep: it is no news.
 pub(super) fn is_known(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    growth(line, seen.features, seen.context).is_some_and(|(ratio, _)| ratio < GROWN)
+    ratio(line, seen).is_some_and(|ratio| ratio < GROWN)
+}
+
+/// How many times as deep as in the baseline a line is; `None` without one of it.
+pub(super) fn ratio(line: &Candidate<'_>, seen: &Seen<'_>) -> Option<f64> {
+    growth(line, seen.features, seen.context).map(|(ratio, _)| ratio)
 }
 
 /// How much deeper a line is than in the baseline, and the probability of that by chance. Where the channel is quieter than it was the

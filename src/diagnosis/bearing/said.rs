@@ -1,7 +1,9 @@
 //! The sentences of what neither accuses nor acquits a bearing (docs/theory.md, C9). Must not decide anything.
 
 use super::candidate::Candidate;
+use super::doubt::Seen;
 use super::grown::Grown;
+use super::risen;
 use super::sentence;
 use crate::diagnosis::Context;
 use crate::diagnosis::severity;
@@ -22,11 +24,11 @@ pub(super) fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
 }
 
 /// Why a line beside a tone that is modulated at its rate does not accuse.
-pub(super) fn of_tone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+pub(super) fn of_tone(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
     format!(
-        "{}; a tone of the machine is modulated at this rate with ten times the power, as sound elements that pass under its force do: \
-         a baseline of the healthy machine would tell",
-        sentence(line, context)
+        "{}; a tone of the machine is modulated at this rate with ten times the power, as sound elements that pass under its force do: {}",
+        sentence(line, seen.context),
+        what_would_tell(line, seen)
     )
 }
 
@@ -178,23 +180,37 @@ pub(super) fn overheard(line: &Candidate<'_>, context: &Context<'_>) -> String {
 }
 
 /// Why a deep line in few bands neither accuses nor acquits.
-pub(super) fn in_few_bands(line: &Candidate<'_>, context: &Context<'_>) -> String {
+pub(super) fn in_few_bands(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
     format!(
-        "{}; too few bands have {:.2} to accuse, too deep to acquit: a baseline of the healthy machine would \
-         tell",
-        sentence(line, context),
-        severity::WARNING_DEPTH
+        "{}; too few bands have {:.2} to accuse, too deep to acquit: {}",
+        sentence(line, seen.context),
+        severity::WARNING_DEPTH,
+        what_would_tell(line, seen)
     )
 }
 
 /// Why a line of some effect neither accuses nor acquits (C42).
-pub(super) fn half_deep(line: &Candidate<'_>, context: &Context<'_>) -> String {
+pub(super) fn half_deep(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
     format!(
-        "{}; a quarter of the bands find it half as deep as accuses ({:.2}) or deeper: too little to accuse, too much to acquit; a \
-         baseline of the healthy machine would tell",
-        sentence(line, context),
-        severity::WARNING_DEPTH
+        "{}; a quarter of the bands find it half as deep as accuses ({:.2}) or deeper: too little to accuse, too much to acquit; {}",
+        sentence(line, seen.context),
+        severity::WARNING_DEPTH,
+        what_would_tell(line, seen)
     )
+}
+
+/// What is missing to tell a line: a baseline, or growth over the one there is (C38).
+fn what_would_tell(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
+    match risen::ratio(line, seen) {
+        None => "a baseline of the healthy machine would tell".to_owned(),
+        Some(ratio) if ratio < risen::GROWN => format!(
+            "a quarter of the bands show it {ratio:.1} times as deep as the baseline, and {:.0} times would be news",
+            risen::GROWN
+        ),
+        Some(ratio) => format!(
+            "a quarter of the bands show it {ratio:.1} times as deep as the baseline, but what else changed may be why"
+        ),
+    }
 }
 
 /// Why a line that has grown beside a stronger one does not accuse.

@@ -28,6 +28,41 @@ fn a_line_half_as_deep_as_accuses_acquits_nobody() {
 }
 
 #[test]
+fn what_would_tell_a_line_is_a_baseline_or_growth_over_the_one_there_is() {
+    // Half of the energy in two bands of twelve; the baseline of b has 0.05 of the line.
+    let in_few = |bearing: usize| {
+        let reading = |i: u32| {
+            let line = of_depth(bearing, if i < 2 { 1.2 } else { 0.02 });
+            let line = changed(line, |reading| {
+                let low = f64::from(i) * 1e3;
+                (reading.band.low.0, reading.band.high.0) = (low, low + 1e3);
+                if i >= 2 {
+                    reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 1.0);
+                }
+            });
+            line.outcome.unwrap().remove(0)
+        };
+        let line = of_depth(bearing, 1.2);
+        judged(vec![LineSearch { outcome: Ok((0..12).map(reading).collect()), ..line }])
+            .remove(bearing)
+    };
+    let unknown = in_few(0);
+    assert_eq!(unknown.state, State::Undetermined, "{}", unknown.why);
+    assert!(
+        unknown.why.contains("a baseline of the healthy machine would tell"),
+        "{}",
+        unknown.why
+    );
+    let known = in_few(1);
+    assert_eq!(known.state, State::Undetermined, "{}", known.why);
+    assert!(
+        known.why.contains("times as deep as the baseline, and 4 times would be news"),
+        "{}",
+        known.why
+    );
+}
+
+#[test]
 fn a_small_line_that_chance_or_sound_elements_make_acquits_as_before() {
     let healthy = |line: LineSearch| judged(vec![line]).remove(0).state == State::Healthy;
     let chance = changed(of_depth(0, 0.26), |reading| {
