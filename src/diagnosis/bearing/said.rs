@@ -208,7 +208,7 @@ fn what_would_tell(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
             risen::GROWN
         ),
         Some(ratio) => format!(
-            "a quarter of the bands show it {ratio:.1} times as deep as the baseline, but what else changed may be why"
+            "a quarter of the bands show it {ratio:.1} times as deep as the baseline, but chance, the shaft's motion or other parts may be why"
         ),
     }
 }

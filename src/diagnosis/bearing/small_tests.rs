@@ -46,20 +46,15 @@ fn what_would_tell_a_line_is_a_baseline_or_growth_over_the_one_there_is() {
         judged(vec![LineSearch { outcome: Ok((0..12).map(reading).collect()), ..line }])
             .remove(bearing)
     };
-    let unknown = in_few(0);
-    assert_eq!(unknown.state, State::Undetermined, "{}", unknown.why);
-    assert!(
-        unknown.why.contains("a baseline of the healthy machine would tell"),
-        "{}",
-        unknown.why
-    );
-    let known = in_few(1);
-    assert_eq!(known.state, State::Undetermined, "{}", known.why);
-    assert!(
-        known.why.contains("times as deep as the baseline, and 4 times would be news"),
-        "{}",
-        known.why
-    );
+    let is_told = |verdict: &ComponentDiagnosis, how: &str| {
+        assert_eq!(verdict.state, State::Undetermined, "{}", verdict.why);
+        assert!(verdict.why.contains(how), "{}", verdict.why);
+    };
+    is_told(&in_few(0), "a baseline of the healthy machine would tell");
+    is_told(&in_few(1), "times as deep as the baseline, and 4 times would be news");
+    // Grown enough to warn, did the shaft not move more than it did.
+    let moving = judged_with(20.0, vec![of_depth(1, 0.3)], Vec::new(), Vec::new()).remove(1);
+    is_told(&moving, "4.2 times as deep as the baseline, but chance, the shaft's motion");
 }
 
 #[test]
