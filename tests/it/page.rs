@@ -80,6 +80,29 @@ fn an_alarm_is_acknowledged_by_keys_alone_and_stays_so() {
 
 #[test]
 #[ignore = "needs chromium and chromium-driver: apt install them, or set CHROMIUM and CHROMEDRIVER"]
+fn what_is_of_an_unknown_day_is_told_by_its_place_in_the_record() {
+    let test = "what_is_of_an_unknown_day_is_told_by_its_place_in_the_record";
+    let Some(browser) = Browser::open(test, Size::Desktop) else { return };
+    let daemon = damaged_bearing();
+    for (view, at) in [
+        ("", "[data-component=\"bearing/right\"] .since"),
+        ("alarms", "article.alarm .since"),
+        ("machine/rig-1/bearing/right", ".machine-head .soft"),
+        ("machine/rig-1/bearing/right", "dl.facts"),
+        ("machine/rig-1/bearing/right", ".alarm-line"),
+    ] {
+        browser.go(&format!("{}/#/{view}", daemon.base_url));
+        browser.wait(&format!("document.querySelector({})", serde_json::json!(at)));
+        let text = browser.text(at);
+        assert!(text.contains(" s of the record"), "{at}: {text}");
+        let page = browser.text("#view");
+        assert!(!page.contains("1970-") && !page.contains(" ago") && !page.contains(" d "), "{page}");
+    }
+    browser.no_errors();
+}
+
+#[test]
+#[ignore = "needs chromium and chromium-driver: apt install them, or set CHROMIUM and CHROMEDRIVER"]
 fn every_representation_of_a_signal_shows_something() {
     let test = "every_representation_of_a_signal_shows_something";
     let Some(mut browser) = Browser::open(test, Size::Desktop) else { return };

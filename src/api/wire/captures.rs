@@ -30,6 +30,8 @@ pub struct CaptureWire {
     pub trigger: String,
     /// The same in seconds of stream time.
     pub trigger_s: Option<f64>,
+    /// Whether the stream's start is unknown, so that `trigger` counts from 1970-01-01.
+    pub time_unknown: bool,
     /// First instant it holds, s of stream time.
     pub from_s: Option<f64>,
     /// Last instant it holds, s of stream time; null while it is written, and where that is not known.
@@ -126,6 +128,7 @@ impl CaptureWire {
             requested_at: rfc3339(Some(entry.requested), 0.0),
             trigger: rfc3339(entry.start, entry.trigger_s),
             trigger_s: finite(entry.trigger_s),
+            time_unknown: entry.start.is_none(),
             from_s: entry.span_s.0.and_then(finite),
             to_s: entry.span_s.1.and_then(finite),
             state: entry.state.name().to_owned(),

@@ -41,6 +41,8 @@ pub struct MachineItemWire {
     pub stream_time_s: Option<f64>,
     /// Time of the newest sample; null before the first.
     pub last_sample_time: Option<String>,
+    /// Whether the stream's start is unknown, so that times count from 1970-01-01.
+    pub time_unknown: bool,
     /// Worst data quality among the sensors; null before the first verdict.
     pub data_quality: Option<DataQualityName>,
     /// Since when it has this state; null before the first verdict.
@@ -202,6 +204,7 @@ impl MachineItemWire {
             alarms: view.alarms.len(),
             stream_time_s: finite(view.stream_time_s),
             last_sample_time: last_sample_time(view),
+            time_unknown: view.start_time.is_none(),
             data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
             since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
             reason: reason.map(str::to_owned),

@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import { actButtons } from "./acts.js";
 import { badge, choice, empty, failed, fill, h, loading, select } from "./dom.js";
 import { captureLink } from "./captures.js";
-import { fault, since, time, words } from "./format.js";
+import { fault, moment, raised, time, words } from "./format.js";
 import { asks } from "./shell.js";
 import { look, rank } from "./store.js";
 
@@ -30,7 +30,7 @@ export function alarmLine(alarm) {
   return h(
     "div",
     { class: `alarm-line ${alarm.level}`, dataset: { alarm: alarm.id } },
-    h("p", null, h("strong", null, "Alarm "), h("a", { href: `#/alarms/${encodeURIComponent(alarm.id)}` }, alarm.id), ` raised ${time(alarm.raised_at)}; ${stateText(alarm)}`),
+    h("p", null, h("strong", null, "Alarm "), h("a", { href: `#/alarms/${encodeURIComponent(alarm.id)}` }, alarm.id), ` raised ${alarm.time_unknown ? "at " : ""}${moment(alarm.raised_at, alarm.time_unknown)}; ${stateText(alarm)}`),
     actButtons(alarm),
   );
 }
@@ -53,7 +53,7 @@ function card(alarm, isOpen) {
       h("h2", null, h("a", { href: place(alarm) }, `${alarm.machine} · ${alarm.component}`)),
       h("span", { class: "verdict" }, alarm.source === "diagnosis" ? fault(alarm.fault, alarm.level) : alarm.source === "limit" ? `limit ${alarm.limit ?? ""}` : alarm.source === "data" ? "no data" : "store"),
       h("span", { class: "pill" }, alarm.active ? "present" : "gone"),
-      h("span", { class: "soft since" }, `raised ${time(alarm.raised_at)}, ${since(alarm.raised_at)} ago${alarm.occurrences > 1 ? `, came ${alarm.occurrences} times` : ""}`),
+      h("span", { class: "soft since" }, `raised ${raised(alarm.raised_at, alarm.time_unknown)}${alarm.occurrences > 1 ? `, came ${alarm.occurrences} times` : ""}`),
     ),
     h("p", { class: "why" }, alarm.why),
     h("p", { class: "soft state-text" }, stateText(alarm)),
@@ -69,7 +69,7 @@ async function story(host, alarm) {
     const done = new Map(detail.actions.map((action) => [action.sequence, action]));
     const items = detail.transitions.map((one) => {
       const action = done.get(one.sequence);
-      return h("li", null, h("time", { class: "soft" }, time(one.time)), " ", words(one.event), ` → ${words(one.state)}, ${one.level}`, action && ` by ${action.author}${action.comment ? `: ${action.comment}` : ""}`);
+      return h("li", null, h("time", { class: "soft" }, moment(one.time, alarm.time_unknown)), " ", words(one.event), ` → ${words(one.state)}, ${one.level}`, action && ` by ${action.author}${action.comment ? `: ${action.comment}` : ""}`);
     });
     fill(host, captureLink(detail.capture), h("p", null, h("a", { href: place(alarm) }, "Evidence and plots")), h("ol", { class: "story" }, items));
   } catch (error) {
@@ -121,7 +121,7 @@ export function openAlarms(root, { parts, query }) {
       const story_ = list.querySelector("ol");
       list.querySelector(".next")?.remove();
       for (const one of page.items) {
-        story_.append(h("li", null, h("time", { class: "soft" }, time(one.time)), " ", badge(one.alarm.level), " ", h("a", { href: place(one.alarm) }, `${one.alarm.machine} · ${one.alarm.component}`), ` ${words(one.event)}`, one.author && ` by ${one.author}${one.comment ? `: ${one.comment}` : ""}`, h("span", { class: "soft" }, ` → ${words(one.alarm.state)}`)));
+        story_.append(h("li", null, h("time", { class: "soft" }, moment(one.time, one.alarm.time_unknown)), " ", badge(one.alarm.level), " ", h("a", { href: place(one.alarm) }, `${one.alarm.machine} · ${one.alarm.component}`), ` ${words(one.event)}`, one.author && ` by ${one.author}${one.comment ? `: ${one.comment}` : ""}`, h("span", { class: "soft" }, ` → ${words(one.alarm.state)}`)));
       }
       if (!story_.firstChild) fill(list, empty("Nothing has happened yet."));
       if (page.next) list.append(h("button", { type: "button", class: "next", onclick: () => history(page.next) }, "Older"));

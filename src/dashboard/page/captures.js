@@ -3,7 +3,7 @@
 import { download, get, machinePath, post } from "./api.js";
 import { signedForm } from "./acts.js";
 import { badge, choice, empty, failed, field, fill, h, loading, select } from "./dom.js";
-import { bytes, fault, number, span, time } from "./format.js";
+import { bytes, fault, moment, number, span } from "./format.js";
 import { dialog } from "./shell.js";
 import { worstFirst } from "./store.js";
 
@@ -82,7 +82,7 @@ function item(one, isChosen) {
   const length = one.to_s !== null && one.from_s !== null ? span(one.to_s - one.from_s) : "";
   const values = [
     one.machine,
-    time(one.trigger),
+    moment(one.trigger, one.time_unknown),
     one.cause === "alarm" ? one.alarms.map((id) => [h("a", { href: `#/alarms/${encodeURIComponent(id)}` }, id), " "]) : `${one.author}: ${one.comment ?? ""}`,
     length,
     one.bytes ? bytes(one.bytes) : "–",

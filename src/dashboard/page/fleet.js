@@ -1,7 +1,7 @@
 // All machines, the worst first: what, where, since when, how sure, and how good the data are.
 
 import { badge, choice, empty, failed, fill, h, icon, loading } from "./dom.js";
-import { fault, percent, since, time } from "./format.js";
+import { fault, lasting, moment, percent, since } from "./format.js";
 import { maintenancePill } from "./maintenance.js";
 import { sparkline } from "./sparkline.js";
 import { look, rank, worstFirst } from "./store.js";
@@ -34,7 +34,7 @@ export function dataNote(machine) {
   if (machine.data_quality === "degraded") return { state: "warning", text: "data degraded" };
   if (machine.source === "finished") return { state: "undetermined", text: "recording at its end" };
   // A stream of another day is not late, it is a recording.
-  if (age > OLD_S && age < 86_400 * 30) return { state: "warning", text: `newest data ${since(machine.last_sample_time)} ago` };
+  if (!machine.time_unknown && age > OLD_S && age < 86_400 * 30) return { state: "warning", text: `newest data ${since(machine.last_sample_time)} ago` };
   return { state: "healthy", text: "data ok" };
 }
 
@@ -54,7 +54,7 @@ function component(machine, part) {
       icon(part.state),
       h("span", { class: "what" }, h("strong", null, part.id), h("span", { class: "soft" }, part.kind)),
       h("span", { class: `verdict ${part.state}` }, fault(part.fault, part.state) || part.state),
-      h("span", { class: "soft since" }, part.since ? `for ${since(part.since)}` : ""),
+      h("span", { class: "soft since" }, part.since ? lasting(part.since, machine.time_unknown) : ""),
       meter(part.severity),
       h("span", { class: "soft sure" }, part.confidence === null ? "" : `${percent(part.confidence)} sure`),
     ),
@@ -85,7 +85,7 @@ function row(machine, isWide) {
       maintenancePill(machine.maintenance),
       machine.operating_state !== "running" && h("span", { class: "pill" }, machine.operating_state === "unknown" ? "not judged yet" : machine.operating_state),
       h("span", { class: `data ${note.state}` }, note.text),
-      h("span", { class: "soft since", title: time(machine.since) }, machine.since ? `${machine.state} for ${since(machine.since)}` : ""),
+      h("span", { class: "soft since", title: moment(machine.since, machine.time_unknown) }, machine.since ? `${machine.state} ${lasting(machine.since, machine.time_unknown)}` : ""),
     ),
     accused && h("p", { class: "headline" }, h("strong", null, `${first.kind} ${first.id}, ${fault(first.fault, first.state)}: `), first.why),
     parts.length === 0 && empty("No window has been judged yet: a verdict needs some seconds of samples."),

@@ -80,6 +80,29 @@ export function span(seconds) {
 /** How long ago something was. */
 export const since = (text) => (text ? span((Date.now() - new Date(text).getTime()) / 1000) : "–");
 
+/** Where in its record a time is whose stream told no start: such times count from 1970-01-01. */
+const inRecord = (text) => `${(new Date(text).getTime() / 1000).toFixed(1)} s of the record`;
+
+/** A time; `isRecord`: the start of its stream is unknown (`time_unknown`), so it is a place in the record. */
+export const moment = (text, isRecord) => (text && isRecord ? inRecord(text) : time(text));
+
+/** How long something has been so; in a record of an unknown day, from where on. */
+export const lasting = (text, isRecord) => (isRecord ? `from ${inRecord(text)} on` : `for ${since(text)}`);
+
+/** When something was and how long ago that is; in a record of an unknown day, where. */
+export const raised = (text, isRecord) => (isRecord ? `at ${inRecord(text)}` : `${time(text)}, ${since(text)} ago`);
+
+/** How a plot tells times that count from `startTime`; `null`: of a record of an unknown day, in its seconds. */
+export function timeAxis(startTime) {
+  if (!startTime) return { x: { label: "time in the record (s)" }, xValue: (t) => `${number(t, 5)} s of the record` };
+  const at = (t) => new Date(new Date(startTime).getTime() + t * 1000).toISOString();
+  return {
+    x: { label: prefs.zone === "utc" ? "time (UTC)" : "time (local)" },
+    xTick: (t) => time(at(t), { date: false }).replace(" UTC", ""),
+    xValue: (t) => time(at(t)),
+  };
+}
+
 export function bytes(count) {
   const units = ["B", "kB", "MB", "GB", "TB"];
   let value = count;

@@ -5,7 +5,7 @@ import { alarmLine } from "./alarms.js";
 import { badge, empty, failed, fill, h, icon, loading } from "./dom.js";
 import { drivetrain } from "./drivetrain.js";
 import { dataNote, meter } from "./fleet.js";
-import { fault, hertz, number, percent, quantity, since, span, time, words } from "./format.js";
+import { fault, hertz, lasting, moment, number, percent, quantity, since, span, timeAxis, words } from "./format.js";
 import { feedback } from "./feedback.js";
 import { maintenanceButton, maintenanceNote } from "./maintenance.js";
 import { linePlot } from "./plot.js";
@@ -75,7 +75,7 @@ export function openMachine(root, { parts }) {
     const speed = diagnosis?.shaft_speed_hz;
     const note = item ? dataNote(item) : { state: "undetermined", text: "" };
     const facts = [
-      item?.since && `${item.state} for ${since(item.since)}`,
+      item?.since && `${item.state} ${lasting(item.since, item.time_unknown)}`,
       speed && `${hertz(speed)} (${number(speed * 60, 4)} r/min), ${words(diagnosis.speed_source)}`,
       diagnosis && words(diagnosis.operating_state),
     ].filter(Boolean);
@@ -181,15 +181,12 @@ export function openMachine(root, { parts }) {
         fill(figure, empty("Too short a history for a trend of the severity."));
         return;
       }
-      const start = answer.start_time ? new Date(answer.start_time).getTime() : 0;
       const marks = alarmsOf(id, component.kind, component.id).map((alarm) => ({ x: alarm.raised_at_s, label: "alarm raised", kind: "mark" }));
       const inside = h("div", { class: "inside" }, h("header", { class: "figure" }, h("h4", null, `Severity of ${component.id}`), h("p", null, `${span(column.time_s.at(-1) - column.time_s[0])}; warning from 0.25, damaged from 0.5`)));
       fill(figure, inside);
       mine.trend = linePlot(inside, {
         title: `Severity of ${component.id} over time`,
-        x: { label: `time (${clockName()})` },
-        xTick: (t) => time(new Date(start + t * 1000).toISOString(), { date: false }).replace(" UTC", ""),
-        xValue: (t) => time(new Date(start + t * 1000).toISOString()),
+        ...timeAxis(answer.start_time),
         y: { label: "severity (1)" },
         fromZero: true,
         height: 200,
@@ -212,7 +209,7 @@ export function openMachine(root, { parts }) {
         { class: "facts" },
         fact("Severity", component.severity === null ? "not judged" : [component.severity.toFixed(2), " ", meter(component.severity)]),
         fact("Confidence", component.confidence === null ? "not judged" : percent(component.confidence)),
-        fact("Since", begin ? `${time(begin)} (${since(begin)})` : "–"),
+        fact("Since", sinceWhen(begin, machineOf(id)?.time_unknown)),
         component.tooth ? fact("Tooth", String(component.tooth)) : null,
         component.angle_deg !== null && component.angle_deg !== undefined ? fact("Angle", `${number(component.angle_deg)}°`) : null,
       ),
@@ -246,7 +243,8 @@ export function openMachine(root, { parts }) {
 }
 
 const fact = (name, value) => h("div", null, h("dt", null, name), h("dd", null, value));
-const clockName = () => (time(new Date().toISOString()).endsWith("UTC") ? "UTC" : "local");
+const sinceWhen = (begin, isRecord) =>
+  begin ? `${moment(begin, isRecord)}${isRecord ? "" : ` (${since(begin)})`}` : "–";
 
 function legend() {
   return h("p", { class: "legend" }, ["damaged", "warning", "healthy", "undetermined"].map((state) => h("span", { class: `verdict ${state}` }, icon(state), state)), h("span", null, h("i", { class: "sensor-sign" }), "sensor"));

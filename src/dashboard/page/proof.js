@@ -2,7 +2,7 @@
 
 import { channelPath, get, machinePath } from "./api.js";
 import { failed, h, loading } from "./dom.js";
-import { hertz, number, quantity, shownIn } from "./format.js";
+import { hertz, number, quantity, shownIn, timeAxis } from "./format.js";
 import { heatMap } from "./heatmap.js";
 import { lineOfFault, lineOfIndicator, linesOf, match, speedOf } from "./lines.js";
 import { orbitPlot } from "./orbit.js";
@@ -218,11 +218,9 @@ async function trend(host, ctx, plot) {
   if (!column) throw new Error("no trend of it is held");
   const { factor, unit: shown } = shownIn(column.unit);
   host.append(caption(`Trend of ${column.name} of ${plot.channel}`, `windows held in memory`, ctx, plot, false));
-  const start = answer.start_time ? new Date(answer.start_time).getTime() : 0;
   return linePlot(host, {
     title: `Trend of ${column.name}`,
-    x: { label: "time of the stream (s)" },
-    xValue: (t) => new Date(start + t * 1000).toLocaleTimeString(),
+    ...timeAxis(answer.start_time),
     y: { label: `${column.name.replaceAll("_", " ")} (${shown || "1"})` },
     fromZero: true,
     height: 220,

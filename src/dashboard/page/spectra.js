@@ -1,9 +1,8 @@
 // Kinds of lines in the Signals view: what is asked for, and what is drawn of the answer.
 
 import { channelPath, get } from "./api.js";
-import { hertz, number, shownIn, time } from "./format.js";
+import { hertz, number, shownIn, timeAxis } from "./format.js";
 import { linesOf, match, peaks } from "./lines.js";
-import { prefs } from "./prefs.js";
 import { cursorsOf, valueLabel } from "./proof.js";
 import { usualLevels, usualLines } from "./usual.js";
 
@@ -167,19 +166,15 @@ export function trendSpec(choices, answer, alarms, usual) {
   const column = answer.features.find((one) => one.name === choices.feature) ?? answer.features.find((one) => one.name === "rms") ?? answer.features[0];
   if (!column) return null;
   const { unit, factor } = shownIn(column.unit);
-  const start = answer.start_time ? new Date(answer.start_time).getTime() : 0;
   const scaled = (values) => values.map((v) => (v === null ? null : v * factor));
   const series = [{ name: column.name, x: column.time_s, y: scaled(column.value), points: column.value.length < 80 }];
   if (column.high.length > 0) {
     series.push({ name: "largest", x: column.time_s, y: scaled(column.high), ink: "reference", width: 1 });
     series.push({ name: "smallest", x: column.time_s, y: scaled(column.low), ink: "reference", width: 1 });
   }
-  const at = (t) => time(new Date(start + t * 1000).toISOString());
   return {
     title: `Trend of ${column.name} of ${answer.channel}`,
-    x: { label: prefs.zone === "utc" ? "time (UTC)" : "time (local)" },
-    xTick: (t) => time(new Date(start + t * 1000).toISOString(), { date: false }).replace(" UTC", ""),
-    xValue: at,
+    ...timeAxis(answer.start_time),
     y: { label: `${column.name.replaceAll("_", " ")} (${unit || "1"})` },
     log: choices.log === true,
     fromZero: true,
