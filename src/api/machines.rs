@@ -4,8 +4,11 @@ use super::error::ApiError;
 use super::extract::{Path, Query, State};
 use super::state::{ApiState, newest};
 use super::wire::diagnosis::DiagnosisDocument;
-use super::wire::machines::{HealthWire, MachineItemWire, MachineListWire, MachineWire};
+use super::wire::machines::{
+    HealthWire, MachineItemWire, MachineListWire, MachineWire, no_data_reason,
+};
 use super::wire::problem::ProblemWire;
+use super::wire::rfc3339;
 use axum::Json;
 use serde::Deserialize;
 use utoipa::IntoParams;
@@ -100,8 +103,13 @@ pub(super) async fn diagnosis(
     let view = newest(state.machine(&id)?);
     match &view.diagnosis {
         Some(diagnosis) => {
-            let judged_by = Some(view.judged_by.to_string());
-            Ok(Json(DiagnosisDocument { judged_by, ..DiagnosisDocument::new(diagnosis, None) }))
+            let document = DiagnosisDocument::new(diagnosis, None);
+            Ok(Json(DiagnosisDocument {
+                judged_by: Some(view.judged_by.to_string()),
+                judged_until: view.window_end_s.map(|end_s| rfc3339(view.start_time, end_s)),
+                no_data: no_data_reason(&view),
+                ..document
+            }))
         }
         None => Err(ApiError::NotFound(format!("no window of {id:?} has been judged yet"))),
     }

@@ -7,7 +7,7 @@ use super::handles::ReceiverStatus;
 use super::state::{ApiState, newest};
 use super::view::{ConfigurationView, RecordingView, SourceState};
 use super::wire::finite;
-use super::wire::machines::source_text;
+use super::wire::machines::source_and_reason;
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
 use super::wire::system::{
@@ -117,13 +117,13 @@ pub(super) async fn metrics(State(state): State<ApiState>, headers: HeaderMap) -
 pub(super) async fn system(State(state): State<ApiState>) -> Json<SystemWire> {
     let streams = state.machines.iter().map(|(id, handle)| {
         let view = newest(handle);
-        let (source, reason) = source_text(&view.source);
+        let (source, reason) = source_and_reason(&view);
         let lag = handle.simulation.as_ref().map(|simulation| simulation.view.borrow().lag);
         let sum = |count: fn(&crate::buffer::RingStatus) -> u64| view.rings.iter().map(count).sum();
         StreamWire {
             machine: id.clone(),
             source: source.to_owned(),
-            reason: reason.map(str::to_owned),
+            reason,
             queue_bytes: view.queue_bytes,
             dropped_blocks: view.dropped.0,
             dropped_samples: view.dropped.1,

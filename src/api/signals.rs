@@ -3,7 +3,7 @@
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
 use super::state::{ApiState, channel, newest};
-use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, SourceState, Waveform};
+use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, Waveform};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{ChannelListWire, ChannelWire, LedgerWire, Validity, WaveformWire};
 use super::wire::{finite, finite_column};
@@ -186,7 +186,7 @@ pub(super) async fn fetch(
     Ok(Run { info: info.clone(), waveform, validity })
 }
 
-/// Worst first: a failed source, then clipping, then too few samples. A run that reaches back to
+/// Worst first: samples of a source that failed or delivers no more, then clipping, then too few samples. A run that reaches back to
 /// the start of the stream is short, but has no gap.
 fn validity(
     view: &MachineView,
@@ -195,11 +195,10 @@ fn validity(
     end: Option<u64>,
     wanted: usize,
 ) -> Validity {
-    let failed = matches!(view.source, SourceState::Failed(_));
     let is_clipped =
         |(low, high): (f32, f32)| waveform.samples.iter().any(|x| *x <= low || *x >= high);
     let held_end = waveform.start + waveform.samples.len() as u64;
-    if failed && end.is_none() {
+    if end.is_none() && view.is_stale(&info.name) {
         Validity::Stale
     } else if info.full_scale.is_some_and(is_clipped) {
         Validity::Clipped

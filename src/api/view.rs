@@ -9,10 +9,12 @@ use crate::alarms::Advance;
 use crate::alarms::AdvanceError;
 use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
+use crate::alarms::AlarmSource;
 use crate::alarms::Announcement;
 use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
@@ -70,6 +72,30 @@ pub struct MachineView {
     pub queue_bytes: usize,
     /// Blocks dropped because the queue was full, and their samples.
     pub dropped: (u64, u64),
+}
+
+impl MachineView {
+    /// The alarm that stands while no data come: verdicts and samples are those of before.
+    #[must_use]
+    pub fn no_data(&self) -> Option<&Alarm> {
+        self.alarms
+            .iter()
+            .find(|alarm| alarm.kind == ComponentKind::Machine && tells_of_missing_data(alarm))
+    }
+
+    /// Whether the newest samples of a channel are old: its source failed, or it delivers none.
+    #[must_use]
+    pub fn is_stale(&self, channel: &str) -> bool {
+        let is_of_channel =
+            |alarm: &Alarm| alarm.kind == ComponentKind::Sensor && alarm.component == channel;
+        matches!(self.source, SourceState::Failed(_))
+            || self.no_data().is_some()
+            || self.alarms.iter().any(|alarm| is_of_channel(alarm) && tells_of_missing_data(alarm))
+    }
+}
+
+fn tells_of_missing_data(alarm: &Alarm) -> bool {
+    alarm.source == AlarmSource::Data && alarm.state.is_active()
 }
 
 /// Most samples of one [`Waveform`]: 16 MiB, which a shard copies in a few milliseconds.

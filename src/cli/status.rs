@@ -17,7 +17,7 @@ Examples:
   rotorwatch status --url https://monitor.example.org:8080 --ca-file plant-ca.pem --token-file wall.token
   rotorwatch status --format json
 
-Exit codes: 0 the daemon does its work; 2 it does not, or does not answer.";
+Exit codes: 0 the daemon does its work; 2 it does not, no data come of a machine, or it does not answer.";
 
 /// Arguments of `status`.
 #[derive(Debug, Args)]
@@ -35,13 +35,13 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> ExitCode {
     match ask(&arguments.daemon) {
         Ok(status) => {
-            let is_ready = status["ready"] == true;
+            let is_well = is_well(&status);
             let text = match arguments.format {
                 Format::Text => text(&status),
                 Format::Json => format!("{status:#}\n"),
             };
             let printed = super::print(text.as_bytes());
-            if is_ready { printed } else { ExitCode::from(super::EXIT_ERROR) }
+            if is_well { printed } else { ExitCode::from(super::EXIT_ERROR) }
         }
         Err(error) => super::fail(&error),
     }
@@ -59,6 +59,16 @@ fn ask(daemon: &DaemonArguments) -> Result<Value, AskError> {
 
 fn items(value: &Value) -> &[Value] {
     value.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// Whether the daemon does its work and data come.
+fn is_well(status: &Value) -> bool {
+    status["ready"] == true && silent(status).is_empty()
+}
+
+/// Streams that failed or deliver nothing, with the reason.
+fn silent(status: &Value) -> Vec<&Value> {
+    items(&status["system"]["streams"]).iter().filter(|one| one["reason"].is_string()).collect()
 }
 
 /// What is wrong, as far as the daemon knows, a line each.
@@ -85,14 +95,8 @@ fn troubles(status: &Value) -> Vec<String> {
             ));
         }
     }
-    for stream in items(&system["streams"]) {
-        if stream["reason"].is_string() {
-            found.push(format!(
-                "machine {}: {}",
-                shown(&stream["machine"]),
-                shown(&stream["reason"])
-            ));
-        }
+    for stream in silent(status) {
+        found.push(format!("machine {}: {}", shown(&stream["machine"]), shown(&stream["reason"])));
     }
     found
 }
@@ -120,6 +124,16 @@ fn text(status: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_machine_without_data_is_not_well() {
+        let status = |ready: bool, reason: Option<&str>| json!({ "ready": ready, "system": { "streams": [{ "machine": "rig-1", "reason": reason }] } });
+        assert!(is_well(&status(true, None)));
+        assert!(!is_well(&status(false, None)));
+        let silent = status(true, Some("no data have come since t"));
+        assert!(!is_well(&silent));
+        assert_eq!(troubles(&silent), ["machine rig-1: no data have come since t"]);
+    }
 
     #[test]
     fn what_is_wrong_is_told_a_line_each() {

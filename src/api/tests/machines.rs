@@ -1,11 +1,14 @@
 //! Machines, health, diagnosis, service pages.
 
+use crate::alarms::{self, AlarmEngine, DataFlow, Moment};
 use crate::api::handles::FeedbackHandle;
 use crate::api::openapi_text;
-use crate::api::support::{Service, golden};
+use crate::api::support::{Behaviour, Service, golden, sample_diagnosis};
 use crate::api::tests::{baselines, captures, events, recordings, trends};
 use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::Coverage;
 use crate::signal::Timestamp;
 use crate::store::feedback::SqliteFeedback;
 use serde_json::{Value, json};
@@ -49,6 +52,62 @@ async fn health_gives_state_since_and_coverage() {
     assert_eq!(health["components"][1]["since"], "2023-11-14T22:13:20Z");
     assert_eq!(health["data"]["coverage"]["undetermined"], json!(["main"]));
     assert_eq!(health["data"]["time_unknown"], false);
+}
+
+#[tokio::test]
+async fn nothing_is_called_healthy_while_no_data_come() {
+    let mut healthy = sample_diagnosis();
+    healthy.state = State::Healthy;
+    healthy.components.truncate(2);
+    healthy.components[0].state = State::Healthy;
+    healthy.components[1].state = State::Warning;
+    healthy.coverage = Coverage { judged: 2, undetermined: Vec::new() };
+    let mut engine = AlarmEngine::new("rig-1", alarms::Settings::default());
+    let silent_s = engine.settings().missing_after_s + 1.0;
+    let now = Moment { stream_s: 12.0, monotonic_s: 99.0, utc: Timestamp::default() };
+    assert_eq!(engine.tick(now, DataFlow::SilentFor(silent_s), None).len(), 1);
+    let service = Service::over(engine, Behaviour::Answers, |_| {});
+    service.view.send_modify(|view| Arc::make_mut(view).diagnosis = Some(Arc::new(healthy)));
+
+    let health = service.get("/api/v1/machines/rig-1/health").await.json();
+    for (key, value) in [("state", "undetermined"), ("operating_state", "unknown")] {
+        assert_eq!(health[key], value, "{health}");
+    }
+    assert_eq!(health["since"], "2023-11-14T22:13:32Z", "since the alarm");
+    let [was_healthy, accused] = [0, 1].map(|i| &health["components"][i]);
+    assert_eq!(
+        (&was_healthy["state"], &accused["state"]),
+        (&json!("undetermined"), &json!("warning"))
+    );
+    assert!(was_healthy["severity"].is_null() && was_healthy["confidence"].is_null());
+    assert!(
+        was_healthy["why"].as_str().unwrap().starts_with("no data have come since 2023-"),
+        "{health}"
+    );
+    let data = &health["data"];
+    assert_eq!(
+        (&data["data_quality"], &data["coverage"]["judged"]),
+        (&json!("degraded"), &json!(1))
+    );
+    let item = &service.get("/api/v1/machines").await.json()["items"][0];
+    assert_eq!(
+        (&item["state"], &item["data_quality"]),
+        (&json!("undetermined"), &json!("degraded"))
+    );
+    assert!(item["reason"].as_str().unwrap().starts_with("no data have come"), "{item}");
+    let stream = &service.get("/api/v1/system").await.json()["streams"][0];
+    assert_eq!(stream["reason"], item["reason"]);
+    for signal in ["waveform?samples=1000", "spectrum"] {
+        let path = format!("/api/v1/machines/rig-1/channels/right_x/{signal}");
+        assert_eq!(service.get(&path).await.json()["validity"], "stale", "{signal}");
+    }
+    // The last verdict is there to be read, with its time.
+    let verdict = service.get("/api/v1/machines/rig-1/diagnosis").await.json();
+    assert_eq!(
+        (&verdict["state"], &verdict["judged_until"]),
+        (&json!("healthy"), &json!("2023-11-14T22:13:30Z"))
+    );
+    assert_eq!(verdict["no_data"], item["reason"]);
 }
 
 #[tokio::test]

@@ -27,6 +27,12 @@ pub struct DiagnosisDocument {
     /// Hash of the configuration it was judged by; only in the daemon.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub judged_by: Option<String>,
+    /// End of the window judged, as a time of the stream; only in the daemon.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub judged_until: Option<String>,
+    /// Since when no data come, so that this is a verdict of the past; only in the daemon, absent while they come.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub no_data: Option<String>,
     /// Stream time covered, s.
     #[schemars(range(min = 0.0))]
     pub duration_s: f64,
@@ -213,6 +219,8 @@ impl DiagnosisDocument {
             machine: d.machine.clone(),
             capture: capture.map(str::to_owned),
             judged_by: None,
+            judged_until: None,
+            no_data: None,
             duration_s: finite(d.duration_s).unwrap_or(0.0),
             samples_used: d.samples_used,
             samples_rejected: d.samples_rejected,

@@ -8,7 +8,8 @@ use super::parts::{
 };
 use super::{finite, rfc3339};
 use crate::api::view::{MachineView, SourceState};
-use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::{ComponentDiagnosis, DataQuality};
 use crate::machine::limits::IsoGroup;
 use crate::machine::{Machine, ShaftIndex};
 use schemars::JsonSchema;
@@ -47,7 +48,7 @@ pub struct MachineItemWire {
     pub data_quality: Option<DataQualityName>,
     /// Since when it has this state; null before the first verdict.
     pub since: Option<String>,
-    /// Why the source failed.
+    /// Why the source failed, or since when it has delivered nothing: what was healthy is undetermined then.
     pub reason: Option<String>,
     /// That it is maintained: its alarms are out of service; null: it is not.
     pub maintenance: Option<MaintenanceWire>,
@@ -138,7 +139,7 @@ pub struct HealthDataWire {
     pub time_unknown: bool,
     /// starting, running, finished or failed.
     pub source: String,
-    /// Why the source failed.
+    /// Why the source failed, or since when it has delivered nothing: what was healthy is undetermined then.
     pub reason: Option<String>,
 }
 
@@ -153,18 +154,83 @@ pub fn source_text(source: &SourceState) -> (&'static str, Option<&str>) {
     }
 }
 
-/// Gives the state of the whole and whether it runs; both unknown before the first verdict.
-fn whole(view: &MachineView) -> (StateName, OperatingStateName) {
-    view.diagnosis
-        .as_ref()
-        .map_or((StateName::Undetermined, OperatingStateName::Unknown), |diagnosis| {
-            (diagnosis.state.into(), diagnosis.operating_state.into())
-        })
+/// Why no data come, in words; `None`: they come, or are not expected.
+#[must_use]
+pub fn no_data_reason(view: &MachineView) -> Option<String> {
+    let alarm = view.no_data()?;
+    Some(match (&view.source, last_sample_time(view)) {
+        (SourceState::Failed(_), _) | (_, None) => alarm.why.clone(),
+        (_, Some(_)) if view.start_time.is_none() => {
+            format!("no data have come since {:.1} s of stream time", view.stream_time_s)
+        }
+        (_, Some(last)) => format!("no data have come since {last}"),
+    })
 }
 
-/// Since when the component at `index`, behind the last the machine, has its state.
-fn since(view: &MachineView, index: usize) -> Option<String> {
-    view.state_since_s.get(index).map(|since_s| rfc3339(view.start_time, *since_s))
+/// Gives how a source is doing and what is wrong with it: that it failed, or delivers nothing more.
+#[must_use]
+pub fn source_and_reason(view: &MachineView) -> (&'static str, Option<String>) {
+    let (source, failure) = source_text(&view.source);
+    (source, failure.map(str::to_owned).or_else(|| no_data_reason(view)))
+}
+
+/// What a state found then says of now: nobody knows whether it is still healthy when no data come; what was accused stays so, as
+/// its alarm does.
+fn now(view: &MachineView, state: State) -> State {
+    match state {
+        State::Healthy if view.no_data().is_some() => State::Undetermined,
+        State::Healthy | State::Undetermined | State::Warning | State::Damaged => state,
+    }
+}
+
+/// Gives the state of the whole and whether it runs; both unknown before the first verdict, and whether it runs while no data come.
+fn whole(view: &MachineView) -> (StateName, OperatingStateName) {
+    let unknown = (StateName::Undetermined, OperatingStateName::Unknown);
+    view.diagnosis.as_ref().map_or(unknown, |diagnosis| {
+        let runs = match view.no_data() {
+            Some(_) => OperatingStateName::Unknown,
+            None => diagnosis.operating_state.into(),
+        };
+        (now(view, diagnosis.state).into(), runs)
+    })
+}
+
+/// Worst data quality; at best degraded while no data come.
+fn data_quality(view: &MachineView) -> Option<DataQualityName> {
+    let found = view.diagnosis.as_ref()?.data_quality;
+    Some(match (found, view.no_data()) {
+        (DataQuality::Ok, Some(_)) => DataQualityName::Degraded,
+        (DataQuality::Ok | DataQuality::Degraded | DataQuality::Bad, _) => found.into(),
+    })
+}
+
+/// How much of the machine is judged: what was found healthy is not, while no data come.
+fn coverage(view: &MachineView) -> CoverageWire {
+    let Some(diagnosis) = &view.diagnosis else {
+        return CoverageWire { judged: 0, undetermined: Vec::new() };
+    };
+    let is_lost = |one: &&ComponentDiagnosis| now(view, one.state) != one.state;
+    let lost: Vec<&ComponentDiagnosis> = diagnosis.components.iter().filter(is_lost).collect();
+    let undetermined = lost.iter().map(|one| &one.id).chain(&diagnosis.coverage.undetermined);
+    CoverageWire {
+        judged: diagnosis.coverage.judged.saturating_sub(lost.len()),
+        undetermined: undetermined.cloned().collect(),
+    }
+}
+
+/// Since when the component at `index`, behind the last the machine, has the state that it was found in.
+fn since(view: &MachineView, index: usize, state: State) -> Option<String> {
+    let found = view.state_since_s.get(index).copied();
+    let since_s = match view.no_data() {
+        Some(alarm) if now(view, state) != state => Some(alarm.active_since_s),
+        Some(_) | None => found,
+    };
+    since_s.map(|since_s| rfc3339(view.start_time, since_s))
+}
+
+fn since_of_whole(view: &MachineView) -> Option<String> {
+    let diagnosis = view.diagnosis.as_ref()?;
+    since(view, diagnosis.components.len(), diagnosis.state)
 }
 
 fn last_sample_time(view: &MachineView) -> Option<String> {
@@ -175,15 +241,24 @@ fn last_sample_time(view: &MachineView) -> Option<String> {
 /// The health of each component; empty before the first verdict.
 fn component_healths(view: &MachineView) -> Vec<ComponentHealthWire> {
     let components = view.diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.components);
-    let health = |(index, component): (usize, &ComponentDiagnosis)| ComponentHealthWire {
-        id: component.id.clone(),
-        kind: component.kind.into(),
-        state: component.state.into(),
-        fault: component.fault.map(Into::into),
-        since: since(view, index),
-        why: component.why.clone(),
-        severity: component.severity.and_then(finite),
-        confidence: component.confidence.and_then(finite),
+    let no_data = no_data_reason(view);
+    let health = |(index, component): (usize, &ComponentDiagnosis)| {
+        let is_known = now(view, component.state) == component.state;
+        let why = match &no_data {
+            Some(reason) if is_known => format!("{}; {reason}", component.why),
+            Some(reason) => format!("{reason}; found healthy before"),
+            None => component.why.clone(),
+        };
+        ComponentHealthWire {
+            id: component.id.clone(),
+            kind: component.kind.into(),
+            state: now(view, component.state).into(),
+            fault: component.fault.map(Into::into),
+            since: since(view, index, component.state),
+            why,
+            severity: component.severity.filter(|_| is_known).and_then(finite),
+            confidence: component.confidence.filter(|_| is_known).and_then(finite),
+        }
     };
     components.iter().enumerate().map(health).collect()
 }
@@ -193,8 +268,7 @@ impl MachineItemWire {
     #[must_use]
     pub fn new(machine: &Machine, view: &MachineView) -> Self {
         let (state, operating_state) = whole(view);
-        let (source, reason) = source_text(&view.source);
-        let diagnosis = view.diagnosis.as_ref();
+        let (source, reason) = source_and_reason(view);
         Self {
             id: machine.id.clone(),
             name: machine.name.clone(),
@@ -205,9 +279,9 @@ impl MachineItemWire {
             stream_time_s: finite(view.stream_time_s),
             last_sample_time: last_sample_time(view),
             time_unknown: view.start_time.is_none(),
-            data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
-            since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
-            reason: reason.map(str::to_owned),
+            data_quality: data_quality(view),
+            since: since_of_whole(view),
+            reason,
             maintenance: MaintenanceWire::of(view),
             components: None,
         }
@@ -270,28 +344,21 @@ impl HealthWire {
     #[must_use]
     pub fn new(machine: &Machine, view: &MachineView) -> Self {
         let (state, operating_state) = whole(view);
-        let diagnosis = view.diagnosis.as_ref();
-        let (source, reason) = source_text(&view.source);
+        let (source, reason) = source_and_reason(view);
         Self {
             machine: machine.id.clone(),
             state,
-            since: diagnosis.and_then(|diagnosis| since(view, diagnosis.components.len())),
+            since: since_of_whole(view),
             operating_state,
             maintenance: MaintenanceWire::of(view),
             components: component_healths(view),
             data: HealthDataWire {
-                coverage: diagnosis.map_or(
-                    CoverageWire { judged: 0, undetermined: Vec::new() },
-                    |diagnosis| CoverageWire {
-                        judged: diagnosis.coverage.judged,
-                        undetermined: diagnosis.coverage.undetermined.clone(),
-                    },
-                ),
-                data_quality: diagnosis.map(|diagnosis| diagnosis.data_quality.into()),
+                coverage: coverage(view),
+                data_quality: data_quality(view),
                 last_sample_time: last_sample_time(view),
                 time_unknown: view.start_time.is_none(),
                 source: source.to_owned(),
-                reason: reason.map(str::to_owned),
+                reason,
             },
         }
     }

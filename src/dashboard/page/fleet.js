@@ -1,7 +1,7 @@
 // All machines, the worst first: what, where, since when, how sure, and how good the data are.
 
 import { badge, choice, empty, failed, fill, h, icon, loading } from "./dom.js";
-import { fault, lasting, moment, percent, since } from "./format.js";
+import { fault, lasting, moment, percent, since, time } from "./format.js";
 import { maintenancePill } from "./maintenance.js";
 import { sparkline } from "./sparkline.js";
 import { look, rank, worstFirst } from "./store.js";
@@ -29,6 +29,7 @@ function inOrder(machines) {
 export function dataNote(machine) {
   const age = machine.last_sample_time ? (Date.now() - new Date(machine.last_sample_time).getTime()) / 1000 : null;
   if (machine.source === "failed") return { state: "damaged", text: `no data: ${machine.reason ?? "source failed"}` };
+  if (machine.reason) return { state: "damaged", text: machine.time_unknown ? machine.reason : `no data since ${time(machine.last_sample_time)}` };
   if (machine.source === "starting" || age === null) return { state: "undetermined", text: "no data yet" };
   if (machine.data_quality === "bad") return { state: "damaged", text: "data bad" };
   if (machine.data_quality === "degraded") return { state: "warning", text: "data degraded" };
@@ -83,7 +84,7 @@ function row(machine, isWide) {
       machine.name && h("span", { class: "soft" }, machine.id),
       machine.alarms > 0 && h("a", { class: "pill alarm", href: `#/alarms?machine=${encodeURIComponent(machine.id)}` }, `${machine.alarms} ${machine.alarms === 1 ? "alarm" : "alarms"}`),
       maintenancePill(machine.maintenance),
-      machine.operating_state !== "running" && h("span", { class: "pill" }, machine.operating_state === "unknown" ? "not judged yet" : machine.operating_state),
+      machine.operating_state !== "running" && h("span", { class: "pill" }, machine.operating_state === "unknown" ? (machine.reason ? "not known whether it runs" : "not judged yet") : machine.operating_state),
       h("span", { class: `data ${note.state}` }, note.text),
       h("span", { class: "soft since", title: moment(machine.since, machine.time_unknown) }, machine.since ? `${machine.state} ${lasting(machine.since, machine.time_unknown)}` : ""),
     ),

@@ -54,7 +54,7 @@ export function openMachine(root, { parts }) {
       if (isClosed) return;
       machine = description;
       channels = list.items;
-      diagnosis = verdict;
+      diagnosis = asOfNow(verdict, machineOf(id));
       draw();
     } catch (error) {
       if (!machine && !isClosed) fill(picture, failed(error, ask));
@@ -240,6 +240,14 @@ export function openMachine(root, { parts }) {
     const known = state.machines?.find((one) => one.id === id);
     return diagnosis && known && known.state !== diagnosis.state;
   }
+}
+
+/** A verdict with what is known of each component now: while no data come, healthy ones are undetermined. */
+function asOfNow(verdict, item) {
+  if (!verdict?.no_data || !item) return verdict;
+  const now = (one) => item.components?.find((other) => other.kind === one.kind && other.id === one.id);
+  const components = verdict.components.map((one) => ({ ...one, ...(({ state, why, severity, confidence }) => ({ state, why, severity, confidence }))(now(one) ?? one) }));
+  return { ...verdict, state: item.state, operating_state: item.operating_state, components };
 }
 
 const fact = (name, value) => h("div", null, h("dt", null, name), h("dd", null, value));
