@@ -2,7 +2,7 @@
 
 use super::received::NumberType;
 use crate::signal::{ChannelInfo, Timestamp};
-use crate::units::Hz;
+use crate::units::{Hz, Unit};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -174,6 +174,19 @@ impl fmt::Display for CaptureInfo {
     }
 }
 
+impl ChannelDescription {
+    /// The unit as written, and that which samples are converted to where it is another one.
+    fn unit(&self) -> String {
+        let canonical = self.info.unit;
+        match &self.unit_text {
+            None => canonical.symbol().to_owned(),
+            Some(text) if text == canonical.symbol() => text.clone(),
+            Some(text) if canonical == Unit::Unknown => format!("{text}, which is not known"),
+            Some(text) => format!("{text}, converted to {}", canonical.symbol()),
+        }
+    }
+}
+
 impl fmt::Display for ChannelDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let info = &self.info;
@@ -186,7 +199,7 @@ impl fmt::Display for ChannelDescription {
             self.duration_s,
             self.number_type.name(),
             self.storage,
-            info.unit.symbol()
+            self.unit()
         )?;
         if let Some((capture, machine)) = &info.unit_conflict {
             write!(

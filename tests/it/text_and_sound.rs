@@ -158,7 +158,7 @@ fn check_shows_what_is_inside_what_was_guessed_and_what_is_missing() {
     for fact in [
         "a b.csv: CSV, ",
         "guessed: separator ';', decimal comma, header in line 3, time in column 1 of 3 (\"t [ms]\"), unit 0.001 s\n",
-        "channel DE: 500 samples at 1000 Hz, 0.5 s, float64 (text, column 2), unit m/s^2\n",
+        "channel DE: 500 samples at 1000 Hz, 0.5 s, float64 (text, column 2), unit g, converted to m/s^2\n",
         "not channels, ignored: note (500 of 500 cells hold no number)\n",
         "all 500 samples can be read\n",
         "rotorwatch diagnose --machine rig.toml --map 'DE=/DE,unit=g' 'a b.csv'\n",
