@@ -152,11 +152,20 @@ pub struct IngestView {
 /// Tells how the live senders of a machine are doing.
 pub type IngestStatus = Arc<dyn Fn() -> IngestView + Send + Sync>;
 
+/// A message of a sender that stands for no frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NotUnderstood {
+    /// What is wrong with it.
+    pub refusal: Refusal,
+    /// Samples that it brought, as far as that is known.
+    pub n_samples: u64,
+}
+
 /// Messages of a sender on a WebSocket, and answers to it; either end may go.
 #[derive(Debug)]
 pub struct IngestPipe {
-    /// Bytes that have come, in their order.
-    pub to_daemon: std::sync::mpsc::SyncSender<Vec<u8>>,
+    /// What has come, in its order; nothing behind what was not understood.
+    pub to_daemon: std::sync::mpsc::SyncSender<Result<Vec<u8>, NotUnderstood>>,
     /// Frames to be sent.
     pub from_daemon: tokio::sync::mpsc::Receiver<Vec<u8>>,
 }

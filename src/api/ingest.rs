@@ -84,16 +84,12 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
                 if let (None, Some(language)) = (&translator, language) {
                     translator = Some(Translator::new(language));
                 }
-                let bytes = match translator.as_mut().map(|translator| translator.frame(&bytes)) {
-                    None => bytes,
-                    Some(Ok(frame)) => frame,
-                    Some(Err(why)) => {
-                        let _gone = socket.send(message(translator.as_ref(), why)).await;
-                        to_daemon = None;
-                        continue;
-                    }
+                // What is not understood goes the way of all else: it is told behind what was said before.
+                let mut waiting = match &mut translator {
+                    None => Ok(bytes),
+                    Some(translator) => translator.frame(&bytes),
                 };
-                let mut waiting = bytes;
+                let is_last = waiting.is_err();
                 while let Some(sender) = &to_daemon {
                     match sender.try_send(waiting) {
                         Ok(()) => break,
@@ -112,6 +108,9 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
                         }
                     }
                     break;
+                }
+                if is_last {
+                    to_daemon = None;
                 }
             }
             said = from_daemon.recv() => {

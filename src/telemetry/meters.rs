@@ -184,6 +184,8 @@ pub struct IngestMetrics {
     pub connections: Gauge,
     /// Those refused or cut off.
     pub(super) refusals: Family<RefusalLabels, Counter>,
+    /// Samples of the blocks for which they were.
+    pub(super) refused_samples: Family<RefusalLabels, Counter>,
 }
 
 impl IngestMetrics {
@@ -191,6 +193,12 @@ impl IngestMetrics {
     #[must_use]
     pub fn refused(&self, reason: &str) -> Counter {
         self.refusals.get_or_create_owned(&RefusalLabels { reason: reason.to_owned() })
+    }
+
+    /// Samples of blocks that were refused with who sent them, as far as their number is known.
+    #[must_use]
+    pub fn refused_samples(&self, reason: &str) -> Counter {
+        self.refused_samples.get_or_create_owned(&RefusalLabels { reason: reason.to_owned() })
     }
 }
 

@@ -267,6 +267,8 @@ impl Metrics {
         registry.register("ingest_connections", text, self.ingest.connections.clone());
         let text = "Senders refused or cut off, by the error they were told";
         registry.register("ingest_refused", text, self.ingest.refusals.clone());
+        let text = "Samples of blocks that were refused with who sent them, as far as known";
+        registry.register("ingest_refused_samples", text, self.ingest.refused_samples.clone());
     }
 
     /// Counters of senders.

@@ -356,12 +356,7 @@ fn a_small_sender_speaks_json_over_a_websocket() {
         ));
     }
     say(r#"{"type":"bye","end":true}"#.to_owned());
-    let mut told = Vec::new();
-    while let Ok(message) = socket.read() {
-        if let tungstenite::Message::Text(text) = message {
-            told.push(serde_json::from_str::<Value>(&text).unwrap());
-        }
-    }
+    let told = told(&mut socket);
     assert_eq!(told[0]["type"], "welcome", "{told:?}");
     let settled = told.iter().filter_map(|told| told["wanted"][0]["sequence"].as_u64()).max();
     assert_eq!(settled, Some(5), "{told:?}");
@@ -383,6 +378,7 @@ fn a_small_sender_speaks_json_over_a_websocket() {
         (count(&ledger, "used") == 3050).then_some(ledger)
     });
     assert_eq!((count(&ledger, "received"), count(&ledger, "lost")), (3050, 0));
+    assert_cut_off_is_counted(&daemon, &url);
     // What is no hello is told in JSON too; a page of elsewhere is let in nowhere.
     let (mut socket, _) = tungstenite::connect(&url).unwrap();
     socket.send(tungstenite::Message::text("{}")).unwrap();
@@ -394,6 +390,36 @@ fn a_small_sender_speaks_json_over_a_websocket() {
         panic!("a page of elsewhere was let in");
     };
     assert_eq!(answer.status().as_u16(), 403);
+}
+
+/// What is said in JSON until the connection ends.
+fn told(socket: &mut tungstenite::WebSocket<impl std::io::Read + std::io::Write>) -> Vec<Value> {
+    let heard = std::iter::from_fn(|| socket.read().ok());
+    let texts = heard.filter_map(|message| {
+        let tungstenite::Message::Text(text) = message else { return None };
+        Some(serde_json::from_str(&text).unwrap())
+    });
+    texts.collect()
+}
+
+/// A block of no channel right behind the hello: welcomed first, then told, and counted with its samples.
+fn assert_cut_off_is_counted(daemon: &Daemon, url: &str) {
+    let (mut socket, _) = tungstenite::connect(url).unwrap();
+    for text in [
+        r#"{"type":"hello","machine":"rig-1","epoch":4,"channels":[{"name":"right_x","rate_hz":100.0,"unit":"g"}]}"#,
+        r#"{"type":"block","channel":"left_x","sequence":0,"first":0,"samples":[1,2,3]}"#,
+    ] {
+        socket.send(tungstenite::Message::text(text)).unwrap();
+    }
+    let told = told(&mut socket);
+    let last = &told[told.len() - 1];
+    assert_eq!((&told[0]["type"], &last["type"]), (&json!("welcome"), &json!("error")), "{told:?}");
+    assert_eq!(last["code"], "unexpected");
+    let metrics = daemon.get_text("/metrics").1;
+    for (what, n) in [("refused", 1), ("refused_samples", 3)] {
+        let line = format!("rotorwatch_ingest_{what}_total{{reason=\"unexpected\"}} {n}\n");
+        assert!(metrics.contains(&line), "{line}: {metrics}");
+    }
 }
 
 #[test]

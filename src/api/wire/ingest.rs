@@ -1,6 +1,8 @@
 //! What senders of samples say and are told in JSON or CBOR, and the frames it stands for (docs/wire.md).
 
 use super::finite;
+use crate::api::handles::NotUnderstood;
+use crate::ingest::live::Refusal;
 use crate::wire;
 use crate::wire::{
     Block, Bye, Channel, ErrorCode, Frames, Hello, Message, NO_TIME, Problem, SampleType, Samples,
@@ -29,8 +31,8 @@ impl Language {
         message.first().is_some_and(|first| (0xa0..=0xbf).contains(first))
     }
 
-    fn read(self, message: &[u8]) -> Result<Said, (ErrorCode, String)> {
-        let malformed = |error: String| (ErrorCode::Malformed, error);
+    fn read(self, message: &[u8]) -> Result<Said, Refusal> {
+        let malformed = |error: String| Refusal::new(ErrorCode::Malformed, error);
         match self {
             Self::Json => {
                 serde_json::from_slice(message).map_err(|error| malformed(error.to_string()))
@@ -40,7 +42,7 @@ impl Language {
                     "a message of {} bytes; at most {MAX_CBOR_BYTES} are taken in CBOR",
                     message.len()
                 );
-                Err((ErrorCode::TooLarge, text))
+                Err(Refusal::new(ErrorCode::TooLarge, text))
             }
             Self::Cbor => {
                 let mut rest = message;
@@ -147,17 +149,19 @@ impl Translator {
     /// The frame for what the sender says.
     ///
     /// # Errors
-    /// What the sender is told if it is none, in its language.
-    pub fn frame(&mut self, message: &[u8]) -> Result<Vec<u8>, Vec<u8>> {
-        self.understand(message).map_err(|(code, text)| {
-            let told = Told::Error { code: code.name(), text: &text };
-            self.language.write(&told).unwrap_or_default()
-        })
+    /// Why there is none, and how many samples are lost with it.
+    pub fn frame(&mut self, message: &[u8]) -> Result<Vec<u8>, NotUnderstood> {
+        let lost = |n_samples| move |refusal| NotUnderstood { refusal, n_samples };
+        let said = self.language.read(message).map_err(lost(0))?;
+        let n_samples = match &said {
+            Said::Block { samples, .. } => samples.len() as u64,
+            Said::Hello { .. } | Said::Ping {} | Said::Bye { .. } => 0,
+        };
+        self.understand(said).map_err(lost(n_samples))
     }
 
-    fn understand(&mut self, message: &[u8]) -> Result<Vec<u8>, (ErrorCode, String)> {
-        let wrong = |code: ErrorCode, text: &str| (code, text.to_owned());
-        let said = self.language.read(message)?;
+    fn understand(&mut self, said: Said) -> Result<Vec<u8>, Refusal> {
+        let wrong = |code: ErrorCode, text: &str| Refusal::new(code, text);
         let mut frame = Vec::new();
         let encoded = match said {
             Said::Hello { machine, token, epoch, shaft_speed_hz, load, channels } => {
@@ -195,7 +199,7 @@ impl Translator {
                 wire::encode(&Message::Bye(bye), &mut frame)
             }
         };
-        encoded.map_err(|error| wrong(error.code(), &error.to_string()))?;
+        encoded?;
         Ok(frame)
     }
 
@@ -303,15 +307,16 @@ mod tests {
     fn what_cannot_be_understood_is_told_with_its_code() {
         let mut translator = Translator::new(Language::Json);
         let told = |translator: &mut Translator, said: &[u8]| {
-            String::from_utf8_lossy(&translator.frame(said).unwrap_err()).into_owned()
+            translator.frame(said).unwrap_err().refusal.code.name()
         };
-        for (said, code) in [
-            ("{", "malformed"),
-            (r#"{"type":"hello"}"#, "malformed"),
-            (r#"{"type":"block","channel":"x","sequence":0,"first":0,"samples":[]}"#, "unexpected"),
+        let block = r#"{"type":"block","channel":"x","sequence":0,"first":0,"samples":[1,2,3]}"#;
+        for (said, code, n_samples) in [
+            ("{", "malformed", 0),
+            (r#"{"type":"hello"}"#, "malformed", 0),
+            (block, "unexpected", 3),
         ] {
-            let told = told(&mut translator, said.as_bytes());
-            assert!(told.contains(&format!(r#""code":"{code}""#)), "{said}: {told}");
+            let why = translator.frame(said.as_bytes()).unwrap_err();
+            assert_eq!((why.refusal.code.name(), why.n_samples), (code, n_samples), "{said}");
         }
         let channel = r#"{"name":"x","rate_hz":1.0},"#.repeat(101);
         let many = format!(

@@ -30,18 +30,20 @@ const CHECK_S: f64 = 0.5;
 /// Where frames come from and go to.
 pub(super) trait Transport {
     /// Waits for bytes, at most [`POLL`]; `None`: no more will come.
-    fn receive(&mut self, frames: &mut Frames) -> io::Result<Option<usize>>;
+    fn receive(&mut self, frames: &mut Frames) -> Result<Option<usize>, Ending>;
 
     /// Sends frames; gives up when they are not taken for long.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 }
 
 /// How a conversation ends.
-enum Ending {
+pub(super) enum Ending {
     /// The sender ended it, or is gone.
     Gone,
     /// The daemon ended it.
     Refused(Refusal),
+    /// The daemon ended it because of a message with so many samples.
+    Lost(Refusal, u64),
 }
 
 impl From<io::Error> for Ending {
@@ -97,10 +99,14 @@ pub(super) fn run(seat: &Seat, peer: &str, who: Who, transport: &mut impl Transp
     };
     let ending = conversation.listen();
     conversation.leave();
-    if let Err(Ending::Refused(refusal)) = ending {
-        hub.note_refusal(peer, &refusal);
-        refuse(conversation.transport, &refusal);
-    }
+    let (refusal, n_samples) = match ending {
+        Ok(()) | Err(Ending::Gone) => return,
+        Err(Ending::Refused(refusal)) => (refusal, 0),
+        Err(Ending::Lost(refusal, n_samples)) => (refusal, n_samples),
+    };
+    hub.note_refusal(peer, &refusal);
+    hub.note_lost(&refusal, n_samples);
+    refuse(conversation.transport, &refusal);
 }
 
 /// Should the conversation panic, its channels are free again all the same.
@@ -158,14 +164,21 @@ impl<T: Transport> Conversation<'_, T> {
 
     fn take(&mut self, message: &Message<'_>, n_bytes: usize) -> Result<(), Ending> {
         let now_s = self.hub.clock.elapsed_s();
-        let within_credit = self.session.frame(message, n_bytes, now_s)?;
+        let n_samples = match message {
+            Message::Block(block) => block.samples.len() as u64,
+            Message::Hello(_) | Message::Welcome(_) | Message::Ack(_) => 0,
+            Message::Problem(_) | Message::Bye(_) | Message::Ping => 0,
+        };
+        let lost = |refusal| Ending::Lost(refusal, n_samples);
+        let within_credit = self.session.frame(message, n_bytes, now_s).map_err(lost)?;
         match message {
             Message::Hello(hello) => self.greet(hello)?,
             Message::Block(block) => {
                 let Some(port) = self.port.clone() else { return Ok(()) };
                 let sequence = loop {
                     let arrived = self.hub.clock.arrived();
-                    match port.block(self.id, (block, n_bytes), arrived, within_credit)? {
+                    let taken = port.block(self.id, (block, n_bytes), arrived, within_credit);
+                    match taken.map_err(lost)? {
                         Became::Settled(sequence) => break sequence,
                         Became::Wait => self.wait()?,
                     }

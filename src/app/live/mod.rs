@@ -135,6 +135,13 @@ impl Hub {
         }
     }
 
+    /// Counts the samples of a block that was refused.
+    pub(super) fn note_lost(&self, refusal: &Refusal, n_samples: u64) {
+        if n_samples > 0 {
+            self.metrics.refused_samples(refusal.code.name()).inc_by(n_samples);
+        }
+    }
+
     /// The machine that a sender names, if its token is of it.
     fn port(&self, machine: &str, who: Option<&Token>) -> Result<&Arc<Port>, Refusal> {
         let is_there = |port: &&Arc<Port>| {

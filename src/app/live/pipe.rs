@@ -2,12 +2,14 @@
 
 use super::Hub;
 use super::conversation;
+use super::conversation::Ending;
 use super::conversation::POLL;
 use super::conversation::Transport;
 use super::conversation::Who;
 use crate::access::Token;
 use crate::api::handles::IngestOpen;
 use crate::api::handles::IngestPipe;
+use crate::api::handles::NotUnderstood;
 use crate::causes::with_causes;
 use crate::ingest::live::Refusal;
 use crate::wire::ErrorCode;
@@ -32,17 +34,18 @@ const STACK_BYTES: usize = 256 << 10;
 
 /// The thread's end.
 struct Pipe {
-    come: Receiver<Vec<u8>>,
+    come: Receiver<Result<Vec<u8>, NotUnderstood>>,
     go: mpsc::Sender<Vec<u8>>,
 }
 
 impl Transport for Pipe {
-    fn receive(&mut self, frames: &mut Frames) -> io::Result<Option<usize>> {
+    fn receive(&mut self, frames: &mut Frames) -> Result<Option<usize>, Ending> {
         match self.come.recv_timeout(POLL) {
-            Ok(bytes) => {
+            Ok(Ok(bytes)) => {
                 frames.push(&bytes);
                 Ok(Some(bytes.len()))
             }
+            Ok(Err(NotUnderstood { refusal, n_samples })) => Err(Ending::Lost(refusal, n_samples)),
             Err(RecvTimeoutError::Timeout) => Ok(Some(0)),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
         }

@@ -2,6 +2,7 @@
 
 use super::Hub;
 use super::conversation;
+use super::conversation::Ending;
 use super::conversation::POLL;
 use super::conversation::Transport;
 use super::conversation::Who;
@@ -79,7 +80,7 @@ impl Tcp {
 }
 
 impl Transport for Tcp {
-    fn receive(&mut self, frames: &mut Frames) -> io::Result<Option<usize>> {
+    fn receive(&mut self, frames: &mut Frames) -> Result<Option<usize>, Ending> {
         match self.read(frames.space()) {
             Ok(0) => Ok(None),
             Ok(n) => {
@@ -87,7 +88,7 @@ impl Transport for Tcp {
                 Ok(Some(n))
             }
             Err(error) if is_waiting(&error) => Ok(Some(0)),
-            Err(error) => Err(error),
+            Err(error) => Err(error.into()),
         }
     }
 

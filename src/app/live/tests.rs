@@ -154,7 +154,7 @@ fn a_disk_that_takes_its_time_delays_nothing_that_answers() {
 struct Falling(bool);
 
 impl conversation::Transport for Falling {
-    fn receive(&mut self, frames: &mut Frames) -> std::io::Result<Option<usize>> {
+    fn receive(&mut self, frames: &mut Frames) -> Result<Option<usize>, conversation::Ending> {
         assert!(!std::mem::replace(&mut self.0, true), "as a mistake of ours would");
         let mut bytes = Vec::new();
         wire::encode(&Message::Hello(hello(1)), &mut bytes).unwrap();
