@@ -9,6 +9,7 @@ use crate::capture::reader::CaptureReader;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
+use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::machine::Machine;
@@ -128,11 +129,38 @@ pub fn learn(
     reference: &Reference,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Record, OfflineError> {
+    Ok(learned(file, &run(file, reference, progress)?))
+}
+
+/// Measures a capture for a baseline, and says what accuses it, a sentence each: a baseline learned of damage hides it.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn learn_and_judge(
+    file: &Path,
+    reference: &Reference,
+    progress: &mut dyn FnMut(f64),
+) -> Result<(Record, Vec<String>), OfflineError> {
     let run = run(file, reference, progress)?;
+    let record = learned(file, &run);
+    let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
+    let diagnosis = run.monitor.conclude(&judged);
+    let components = diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.components);
+    let accused = components.iter().filter(|component| component.state.is_accusation());
+    let told = accused.map(|component| {
+        let fault = component.fault.map_or("cause not proven", FaultMode::name);
+        let (id, state) = (&component.id, component.state.name());
+        format!("{id} is accused in it ({fault}, {state}): a baseline learned of damage hides it")
+    });
+    let warnings = told.collect();
+    Ok((record, warnings))
+}
+
+fn learned(file: &Path, run: &Run) -> Record {
     let offered: Vec<Offered<'_>> = run.outcomes.iter().map(Outcome::offered).collect();
     let (channels, machine) = (run.monitor.channels(), run.monitor.machine());
     let name = file.display().to_string();
-    Ok(Record::of_offered(&name, &offered, channels, &machine.limits.load_bins))
+    Record::of_offered(&name, &offered, channels, &machine.limits.load_bins)
 }
 
 /// The machine by which a capture is judged: the one given, its own, or an implied one of sensors only.

@@ -269,9 +269,8 @@ async fn measure(
 ) -> Result<Vec<Measured>, ApiError> {
     let (measure, machine) = (Arc::clone(&desk(state)?.measure), handle.machine());
     let work = move || {
-        let of =
-            |name: &String| Ok(Measured { record: measure(&machine, name)?, warnings: vec![] });
-        names.iter().map(of).collect::<Result<_, String>>().map_err(ApiError::Invalid)
+        let measured = names.iter().map(|name| measure(&machine, name));
+        measured.collect::<Result<_, String>>().map_err(ApiError::Invalid)
     };
     state.compute(work).await
 }

@@ -3,11 +3,11 @@
 //! A handle carries interfaces and channels only; how they are kept is the application's affair.
 
 use super::view::MachineView;
+use super::view::Measured;
 use super::view::RecordingView;
 use super::view::ShardBusy;
 use super::view::ShardRequest;
 use crate::access::Token;
-use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::intake::ChannelStatus;
@@ -53,7 +53,7 @@ impl std::fmt::Debug for BaselineHandle {
 
 /// Measures a recording of a machine by its name; or says why it cannot.
 pub type MeasureRecording =
-    Arc<dyn Fn(&Arc<Machine>, &str) -> Result<Record, String> + Send + Sync>;
+    Arc<dyn Fn(&Arc<Machine>, &str) -> Result<Measured, String> + Send + Sync>;
 
 /// What people found of verdicts, as the API sees it.
 #[derive(Clone)]

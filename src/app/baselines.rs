@@ -6,6 +6,7 @@ use super::start_error::StartError;
 use super::stop::Stop;
 use crate::api::handles::BaselineHandle;
 use crate::api::handles::MachineHandle;
+use crate::api::view::Measured;
 use crate::api::view::ShardRequest;
 use crate::capture::recording::store::recording as recording_file;
 use crate::causes::with_causes;
@@ -38,12 +39,18 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Measures the healthy captures that the configuration names for a machine.
 pub(super) fn named(entry: &MachineConfig) -> Result<Baseline, StartError> {
     let reference = Reference { machine: Some(Arc::clone(&entry.machine)), ..Reference::default() };
+    let machine = entry.machine.id.as_str();
     let records = entry.baseline.iter().map(|file| {
-        offline::learn(file, &reference, &mut |_| ()).map_err(|source| StartError::Baseline {
-            machine: entry.machine.id.clone(),
+        let learned = offline::learn_and_judge(file, &reference, &mut |_| ());
+        let (record, accused) = learned.map_err(|source| StartError::Baseline {
+            machine: machine.to_owned(),
             file: file.clone(),
             source: Box::new(source),
-        })
+        })?;
+        for accused in &accused {
+            tracing::warn!(machine, file = %file.display(), "the baseline: {accused}");
+        }
+        Ok::<Record, StartError>(record)
     });
     Ok(Baseline { records: records.collect::<Result<_, _>>()?, provisional: false })
 }
@@ -107,7 +114,7 @@ pub(super) fn handle(config: &Config) -> Result<BaselineHandle, StoreError> {
 }
 
 /// Measures a recording in the store.
-fn measure(root: &Path, machine: &Arc<Machine>, name: &str) -> Result<Record, String> {
+fn measure(root: &Path, machine: &Arc<Machine>, name: &str) -> Result<Measured, String> {
     let shown: String = name.chars().take(100).collect();
     let Some(file) = recording_file(root, &machine.id, name) else {
         return Err(format!(
@@ -117,9 +124,10 @@ fn measure(root: &Path, machine: &Arc<Machine>, name: &str) -> Result<Record, St
         ));
     };
     let reference = Reference { machine: Some(Arc::clone(machine)), ..Reference::default() };
-    let learned = offline::learn(&file, &reference, &mut |_| ());
-    let record = learned.map_err(|error| format!("{shown}: {}", with_causes(&error)))?;
-    Ok(Record { name: name.to_owned(), ..record })
+    let learned = offline::learn_and_judge(&file, &reference, &mut |_| ());
+    let (record, accused) = learned.map_err(|error| format!("{shown}: {}", with_causes(&error)))?;
+    let warnings = accused.iter().map(|accused| format!("{name}: {accused}")).collect();
+    Ok(Measured { record: Record { name: name.to_owned(), ..record }, warnings })
 }
 
 /// Hands the machines what others write: the command line, or HTTP when a shard was busy.

@@ -236,12 +236,17 @@ fn learn(arguments: &LearnArguments) -> Result<String, BaselineError> {
     let reference = Reference { machine: Some(Arc::clone(&machine)), ..Reference::default() };
     let progress = Progress::new(true);
     let mut records: Vec<Record> = Vec::new();
+    let mut warnings = String::new();
     for file in &arguments.captures {
-        let learned = progress.of(file, |told| offline::learn(file, &reference, told));
-        records.push(learned.map_err(|source| match input::not_a_capture(file) {
+        let learned = progress.of(file, |told| offline::learn_and_judge(file, &reference, told));
+        let (record, accused) = learned.map_err(|source| match input::not_a_capture(file) {
             Some(other) => BaselineError::Input(other),
             None => BaselineError::Measure { file: file.clone(), source: Box::new(source) },
-        })?);
+        })?;
+        records.push(record);
+        for accused in accused {
+            warnings.push_str(&format!("warning: {}: {accused}\n", file.display()));
+        }
     }
     let bins = &machine.limits.load_bins;
     let signed = Signed::new(&machine.id, (author, comment), app::wall_clock(), records, bins)?;
@@ -251,7 +256,7 @@ fn learn(arguments: &LearnArguments) -> Result<String, BaselineError> {
     for id in replaced {
         text.push_str(&format!("takes the place of {id}\n"));
     }
-    Ok(text)
+    Ok(text + &warnings)
 }
 
 fn list(arguments: &ListArguments) -> Result<String, BaselineError> {

@@ -1,6 +1,7 @@
 //! Baselines as an operator meets them: learned of the running machine, of captures by the command line, named in
 //! verdicts, used at once, there after a kill, gone when removed.
 
+use crate::scene;
 use crate::support;
 use crate::support::Daemon;
 use crate::support::Ended;
@@ -99,6 +100,18 @@ fn a_baseline_of_the_running_machine_is_named_used_and_survives_a_kill() {
     let shown = baseline(dir, &["show", "--config", "serve.toml", "--format", "json", &id[..6]]);
     let shown: Value = serde_json::from_str(&shown.stdout).unwrap();
     assert!(shown["usual"]["feature"].as_array().unwrap().contains(&json!("rms")), "{shown}");
+}
+
+#[test]
+fn a_baseline_learned_of_damage_says_what_is_accused() {
+    let dir = folder();
+    std::fs::write(dir.path().join("rig.toml"), scene::MACHINE).unwrap();
+    scene::write(&dir.path().join("damaged.h5"), &scene::samples(1), None);
+    let by = ["learn", "--config", "serve.toml", "--author", "A. Berg"];
+    let ended = baseline(dir.path(), &[&by[..], &["damaged.h5"]].concat());
+    assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+    let said = "warning: damaged.h5: right is accused in it (inner_race, damaged): a baseline learned of damage hides it\n";
+    assert!(ended.stdout.ends_with(said), "{}", ended.stdout);
 }
 
 #[test]

@@ -37,7 +37,8 @@ pub(super) fn service(folder: &Path) -> Service {
     let measure = |_: &_, name: &str| match (name, sample_measured(Span::Last(5))) {
         ("a.h5", Ok(found)) => {
             let point = OperatingPoint { speed: Some(Hz(30.0)), load: None };
-            Ok(Record { name: name.to_owned(), point, ..found.record })
+            let record = Record { name: name.to_owned(), point, ..found.record };
+            Ok(Measured { record, warnings: vec!["a.h5: right is accused in it".to_owned()] })
         }
         (_, _) => Err(format!("no recording {name:?}")),
     };
@@ -74,6 +75,7 @@ async fn a_baseline_is_learned_listed_shown_and_replaced_in_its_state_only() {
     assert_eq!(first["records"][0]["left_out"][0], json!({ "reason": "not running", "n": 2 }));
     let captures = json!({ "author": "A. Berg", "captures": ["a.h5"] });
     let other = learn(&service, &captures).await;
+    assert_eq!(other["warnings"][0], "a.h5: right is accused in it");
     let span = json!({
         "author": "M. Ito", "from": "2023-11-14T22:13:20Z", "to": "2023-11-14T22:14:20Z" });
     let second = learn(&service, &span).await;
