@@ -304,7 +304,7 @@ mod tests {
         let set = |pragma: &str| Connection::open(&file).unwrap().execute_batch(pragma).unwrap();
         set("PRAGMA user_version = 99");
         assert!(matches!(check(dir.path()), Err(StoreError::Newer { .. })));
-        set("PRAGMA user_version = 10; PRAGMA application_id = 7");
+        set("PRAGMA user_version = 11; PRAGMA application_id = 7");
         assert!(matches!(check(dir.path()), Err(StoreError::Foreign { .. })));
         fs::write(&file, vec![7; 8192]).unwrap();
         assert!(matches!(check(dir.path()), Err(StoreError::Corrupt { .. })));

@@ -170,7 +170,7 @@ pub trait CaptureIndex: Send + Sync {
     /// When it cannot be read.
     fn find(&self, id: &str) -> Result<Option<CaptureEntry>, StoreError>;
 
-    /// The captures of alarms of (machine, number), in their order; `None`: nothing is known of it.
+    /// The newest captures of alarms of (machine, number), in their order; `None`: nothing is known of it.
     ///
     /// # Errors
     /// When they cannot be read.
@@ -233,19 +233,31 @@ fn link(
          ON CONFLICT (machine, number) DO UPDATE SET capture = coalesce(excluded.capture, capture),
             reason = excluded.reason, recorded_utc = excluded.recorded_utc",
     )?;
+    let mut keep = transaction.prepare_cached(
+        "INSERT OR IGNORE INTO capture_alarm (capture, machine, number) VALUES (?1, ?2, ?3)",
+    )?;
     for alarm in alarms {
         insert.execute(params![machine, whole(*alarm), capture, reason, at.0])?;
+        if let Some(capture) = capture {
+            keep.execute(params![capture, machine, whole(*alarm)])?;
+        }
     }
     Ok(())
 }
 
 /// Forgets the oldest of what has no file.
 fn prune(transaction: &Transaction<'_>) -> rusqlite::Result<()> {
-    transaction.execute(
+    let n_gone = transaction.execute(
         "DELETE FROM capture WHERE seq <= (SELECT max(seq) FROM capture) - ?1
          AND state IN ('removed', 'failed')",
         [MAX_ENTRIES],
     )?;
+    if n_gone > 0 {
+        transaction.execute(
+            "DELETE FROM capture_alarm WHERE capture NOT IN (SELECT id FROM capture)",
+            (),
+        )?;
+    }
     transaction.execute(
         "DELETE FROM alarm_capture WHERE (machine, number) IN (SELECT machine, number FROM alarm_capture
          ORDER BY recorded_utc DESC LIMIT -1 OFFSET ?1)",
@@ -283,7 +295,7 @@ fn state(name: String) -> Result<CaptureState, StoreError> {
 
 fn alarms_of(connection: &Connection, id: &str) -> rusqlite::Result<Vec<u64>> {
     let mut statement = connection
-        .prepare_cached("SELECT number FROM alarm_capture WHERE capture = ?1 ORDER BY number")?;
+        .prepare_cached("SELECT number FROM capture_alarm WHERE capture = ?1 ORDER BY number")?;
     let rows = statement.query_map([id], |row| row.get::<_, i64>(0))?;
     rows.map(|number| Ok(u64::try_from(number?).unwrap_or(0))).collect()
 }
@@ -375,7 +387,7 @@ impl CaptureIndex for SqliteCaptures {
                 "SELECT {COLUMNS} FROM capture
                  WHERE (?1 IS NULL OR instr(?1, char(10) || machine || char(10)) > 0)
                  AND (?2 IS NULL OR id IN
-                    (SELECT capture FROM alarm_capture WHERE number = ?2 AND machine = capture.machine))
+                    (SELECT capture FROM capture_alarm WHERE number = ?2 AND machine = capture.machine))
                  AND (?3 IS NULL OR seq < (SELECT seq FROM capture AS last WHERE last.id = ?3))
                  ORDER BY seq DESC LIMIT ?4"
             );

@@ -102,6 +102,21 @@ fn an_alarm_has_a_capture_or_a_reason_and_keeps_the_capture_it_had() {
 }
 
 #[test]
+fn an_alarm_that_is_captured_again_keeps_its_first_capture() {
+    let (_dir, index) = index();
+    index.begin(&entry("a", 1, &[5])).unwrap();
+    index.begin(&entry("a", 2, &[5, 6])).unwrap();
+    let query = CaptureQuery { limit: 9, ..CaptureQuery::default() };
+    let all = index.list(&query).unwrap();
+    assert_eq!(ids(&all), ["a-00000002", "a-00000001"]);
+    assert_eq!((&all[0].alarms[..], &all[1].alarms[..]), (&[5, 6][..], &[5][..]));
+    let of = CaptureQuery { machines: Some(vec!["a".to_owned()]), alarm: Some(5), ..query };
+    assert_eq!(ids(&index.list(&of).unwrap()), ["a-00000002", "a-00000001"]);
+    let newest = CaptureLink::Has("a-00000002".to_owned(), CaptureState::Writing);
+    assert_eq!(index.links(&[("a".to_owned(), 5)]).unwrap(), [Some(newest)]);
+}
+
+#[test]
 fn who_asked_is_in_the_audit_in_the_same_commit() {
     let (dir, index) = index();
     let by = Some(("M. Ito".to_owned(), "noise at the start".to_owned()));

@@ -119,7 +119,7 @@ fn an_older_database_brings_its_history_into_the_log() {
         .connection()
         .execute_batch(
             "DROP TABLE event; DROP TABLE event_log; DROP TABLE health; DROP TABLE receiver;
-             DROP TABLE capture; DROP TABLE alarm_capture; DROP TABLE decision;
+             DROP TABLE capture; DROP TABLE alarm_capture; DROP TABLE capture_alarm; DROP TABLE decision;
              DROP TABLE advance; DROP TABLE advance_last; DROP TABLE feedback; ALTER TABLE baseline DROP COLUMN described;
              PRAGMA user_version = 3;",
         )

@@ -116,6 +116,12 @@ const MIGRATIONS: &[&str] = &[
         note TEXT NOT NULL, state TEXT NOT NULL, fault TEXT, severity REAL, confidence REAL, why TEXT NOT NULL,
         judged_utc INTEGER, judged_by TEXT NOT NULL);
      CREATE INDEX feedback_of_machine ON feedback (machine, id);",
+    // 11: all captures of an alarm; alarm_capture has the newest of them, or why there is none.
+    "CREATE TABLE capture_alarm (
+        capture TEXT NOT NULL, machine TEXT NOT NULL, number INTEGER NOT NULL,
+        PRIMARY KEY (capture, number)) WITHOUT ROWID;
+     CREATE INDEX capture_of_alarm ON capture_alarm (machine, number);
+     INSERT INTO capture_alarm SELECT capture, machine, number FROM alarm_capture WHERE capture IS NOT NULL;",
 ];
 
 /// The newest schema.
