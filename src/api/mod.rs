@@ -21,6 +21,7 @@ mod recordings;
 mod signals;
 mod trends;
 mod pairs;
+mod parameters;
 mod turning;
 mod bins;
 mod recent;
@@ -178,6 +179,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
     let shared = Shared::new(Arc::clone(&state));
     // Paths that are not there are behind the door, too.
     let limited = Router::from(routes())
+        .route_layer(from_fn(parameters::check))
         .with_state(shared.clone())
         .fallback(async || ApiError::of_status(StatusCode::NOT_FOUND))
         .layer(from_fn(conditional::conditional))
@@ -186,10 +188,12 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         .layer(from_fn_with_state(Arc::clone(&state), guard::concurrency));
     let within = |longest| TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, longest);
     let slow = Router::from(slow_routes())
+        .route_layer(from_fn(parameters::check))
         .with_state(shared.clone())
         .layer(from_fn_with_state(Arc::clone(&state), entry::enter))
         .layer(within(SLOW));
-    let live = Router::from(live_routes()).with_state(shared);
+    let live =
+        Router::from(live_routes()).route_layer(from_fn(parameters::check)).with_state(shared);
     let usual = limited.merge(live).layer(within(state.settings.request_timeout));
     // Outermost first.
     let guards = ServiceBuilder::new()

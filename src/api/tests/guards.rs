@@ -20,6 +20,42 @@ async fn unknown_paths_and_methods_are_problems() {
 }
 
 #[tokio::test]
+async fn unknown_parameters_and_values_of_another_type_are_refused_everywhere() {
+    let service = Service::new();
+    let mut seen = 0;
+    for (path, methods) in &crate::api::openapi().paths.paths {
+        if methods.get.is_none() {
+            continue;
+        }
+        let path = path.replace("{id}", "rig-1").replace("{name}", "right_x");
+        let detail = service.get(&format!("{path}?foo=1")).await.problem(400);
+        assert!(detail.starts_with("unknown parameter \"foo\""), "{path}: {detail}");
+        seen += 1;
+    }
+    assert!(seen > 30, "{seen}");
+    for (query, allowed) in [
+        ("alarms?limit=x", "limit is \"x\", allowed are 1 to 1000"),
+        ("alarms?limit=-1", "limit is \"-1\", allowed are 1 to 1000"),
+        ("machines?components=1", "components is \"1\", allowed are true and false"),
+        (
+            "machines/rig-1/channels/right_x/waveform?end=1.5",
+            "end is \"1.5\", allowed are whole numbers from 0 on",
+        ),
+        (
+            "machines/rig-1/channels/right_x/cwt?window_s=a",
+            "window_s is \"a\", allowed are 0.001 to 60",
+        ),
+        ("machines/rig-1/channels/right_x/cwt?min_hz=", "min_hz is \"\", allowed is a number"),
+        ("system?a=1&b=2", "unknown parameter \"a\": this path takes none"),
+    ] {
+        assert_eq!(service.get(&format!("/api/v1/{query}")).await.problem(400), allowed);
+    }
+    let answer = service.send(Request::head("/api/v1/machines?foo=1")).await;
+    assert_eq!(answer.status, 400);
+    assert_eq!(service.get("/api/v1/machines?components=true").await.status, 200);
+}
+
+#[tokio::test]
 async fn every_answer_has_the_security_headers() {
     let service = Service::new();
     for path in ["/", "/livez", "/api/v1/machines", "/nothing", "/panics"] {

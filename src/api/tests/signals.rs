@@ -298,7 +298,10 @@ async fn every_number_has_its_limits() {
         ("waveform?samples=4194305", "4194304"),
         ("waveform?samples=-1", "samples"),
         ("waveform?max_points=1", "2 to"),
-        ("waveform?maxpoints=10", "unknown field"),
+        (
+            "waveform?maxpoints=10",
+            "unknown parameter \"maxpoints\", allowed are end, max_points, samples",
+        ),
         ("spectrum?window_s=0", "0.001"),
         ("spectrum?window_s=NaN", "0.001 to 120"),
         ("spectrum?window_s=inf", "120"),
