@@ -112,6 +112,8 @@ fn examples_in_the_documents_are_valid() {
         let from = entry.unwrap().path();
         fs::copy(&from, machines.join(from.file_name().unwrap())).unwrap();
     }
+    std::os::unix::fs::symlink(fs::canonicalize("config").unwrap(), folder.path().join("config"))
+        .unwrap();
     let made = rcgen::generate_simple_self_signed(vec!["monitor.example.org".to_owned()]).unwrap();
     for (name, text) in [
         ("tokens.toml", String::new()),
@@ -146,6 +148,29 @@ fn examples_in_the_documents_are_valid() {
         }
     }
     assert!(n_machines >= 1 && n_configs >= 2, "{n_machines} machines, {n_configs} configurations");
+}
+
+#[test]
+fn the_configuration_of_the_readme_works_in_a_clean_clone() {
+    let readme = fs::read_to_string("README.md").unwrap();
+    let blocks = fenced(&readme, "toml");
+    let block = blocks.iter().find(|block| block.contains("[[source]]")).unwrap();
+    let clone = tempfile::tempdir().unwrap();
+    std::os::unix::fs::symlink(fs::canonicalize("config").unwrap(), clone.path().join("config"))
+        .unwrap();
+    // What a command of the section makes.
+    let commands = fenced(&readme, "sh").concat();
+    for name in block.split('"').filter(|word| word.ends_with(".h5")) {
+        assert!(commands.contains(&format!("--out {name}\n")), "no command makes {name}");
+        fs::write(clone.path().join(name), "").unwrap();
+    }
+    let path = clone.path().join("rotorwatch.toml");
+    fs::write(&path, block).unwrap();
+    let read = config::load_with(&path, []);
+    assert!(read.is_ok(), "{}", read.unwrap_err());
+    assert!(!block.contains(":8080"), "the port of the demo, which may run");
+    let bare = commands.lines().find(|line| line.starts_with("rotorwatch "));
+    assert_eq!(bare, None, "not installed by anything printed before");
 }
 
 #[test]
