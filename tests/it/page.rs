@@ -96,9 +96,36 @@ fn what_is_of_an_unknown_day_is_told_by_its_place_in_the_record() {
         let text = browser.text(at);
         assert!(text.contains(" s of the record"), "{at}: {text}");
         let page = browser.text("#view");
-        assert!(!page.contains("1970-") && !page.contains(" ago") && !page.contains(" d "), "{page}");
+        assert!(
+            !page.contains("1970-") && !page.contains(" ago") && !page.contains(" d "),
+            "{page}"
+        );
     }
     browser.no_errors();
+}
+
+#[test]
+#[ignore = "needs chromium and chromium-driver: apt install them, or set CHROMIUM and CHROMEDRIVER"]
+fn a_sparkline_has_gaps_where_nothing_was_judged_and_no_value_of_now() {
+    let test = "a_sparkline_has_gaps_where_nothing_was_judged_and_no_value_of_now";
+    let Some(browser) = Browser::open(test, Size::Desktop) else { return };
+    let demo = Demo::start("GG_GS_GB");
+    browser.go(&format!("{}/", demo.url));
+    let drawn = |values: &str| {
+        browser.run_async(&format!(
+            "const {{ draw }} = await import('/dashboard/sparkline.js'); \
+             const picture = document.createElementNS('http://www.w3.org/2000/svg', 'svg'); \
+             draw(picture, {{ time_s: [0, 10, 20, 30, 40], value: {values} }}, 'right'); \
+             const d = picture.querySelector('path').getAttribute('d'); \
+             const circle = picture.querySelector('circle'); \
+             return [d.split('M').length - 1, d.split(' ').at(-1), circle === null, picture.getAttribute('aria-label')]"
+        ))
+    };
+    let whole = drawn("[0.1, 0.2, 0.3, 0.4, 0.5]");
+    assert_eq!((&whole[0], &whole[2]), (&1.into(), &false.into()), "{whole}");
+    let open = drawn("[0.1, 0.2, null, 0.4, null]");
+    assert_eq!((&open[0], &open[2]), (&2.into(), &true.into()), "{open}");
+    assert_eq!(open[3], "severity of right over 40 s: 0.10 to 0.40, not judged since");
 }
 
 #[test]

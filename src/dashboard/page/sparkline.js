@@ -69,18 +69,36 @@ export function sparkline(machine, { kind, id, state }) {
   return picture;
 }
 
-function draw(picture, column, id) {
-  const points = column.time_s.map((t, i) => [t, column.value[i]]).filter(([, v]) => v !== null);
+/** Runs of points that follow each other; where nothing was judged there is none. */
+function runsOf(points) {
+  const runs = [[]];
+  for (const point of points) {
+    if (point[1] !== null) runs.at(-1).push(point);
+    else if (runs.at(-1).length > 0) runs.push([]);
+  }
+  return runs.filter((run) => run.length > 0);
+}
+
+export function draw(picture, column, id) {
+  const all = column.time_s.map((t, i) => [t, column.value[i] ?? null]);
+  const runs = runsOf(all);
+  const points = runs.flat();
   if (points.length < 2) {
     picture.setAttribute("aria-label", `severity of ${id}: too short a history`);
     return;
   }
-  const [from, to] = [points[0][0], points.at(-1)[0]];
+  // The line ends where the history does: what is not judged now has no value now.
+  const [from, to] = [points[0][0], all.at(-1)[0]];
   const x = (t) => 2 + ((t - from) / (to - from || 1)) * (SIZE.width - 6);
   const y = (v) => SIZE.height - 3 - Math.min(1, v) * (SIZE.height - 6);
-  const path = points.map(([t, v], i) => `${i ? "L" : "M"}${x(t).toFixed(1)} ${y(v).toFixed(1)}`).join("");
+  const at = ([t, v]) => `${x(t).toFixed(1)} ${y(v).toFixed(1)}`;
+  // A point alone is a line of no length, which its round ends make a dot.
+  const path = runs.map((run) => `M${at(run[0])}${run.length > 1 ? "" : `L${at(run[0])}`}${run.slice(1).map((one) => `L${at(one)}`).join("")}`).join("");
   const level = (v) => s("line", { x1: 2, x2: SIZE.width - 2, y1: y(v), y2: y(v) });
   const last = points.at(-1);
-  picture.setAttribute("aria-label", `severity of ${id} over ${span(to - from)}: ${points[0][1].toFixed(2)} to ${last[1].toFixed(2)}`);
-  picture.replaceChildren(level(0.25), level(0.5), s("path", { d: path }), s("circle", { cx: x(last[0]), cy: y(last[1]), r: 2.5 }));
+  const isNow = all.at(-1)[1] !== null;
+  const end = isNow ? last[1].toFixed(2) : `${last[1].toFixed(2)}, not judged since`;
+  picture.setAttribute("aria-label", `severity of ${id} over ${span(to - from)}: ${points[0][1].toFixed(2)} to ${end}`);
+  const now = isNow ? [s("circle", { cx: x(last[0]), cy: y(last[1]), r: 2.5 })] : [];
+  picture.replaceChildren(level(0.25), level(0.5), s("path", { d: path }), ...now);
 }
