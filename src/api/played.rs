@@ -70,6 +70,11 @@ pub(super) fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, beh
             ShardRequest::Trend { reply, .. } => {
                 let _ = reply.send(sample_trend());
             }
+            ShardRequest::Verdicts { component, reply, .. } => {
+                let newest =
+                    if component == "right" { sample_verdicts() } else { Trend::default() };
+                let _ = reply.send(newest);
+            }
             ShardRequest::Act { act, reply } => {
                 let done = engine.act(&act, Moment::of_stream(12.0));
                 let _ = reply.send(done.map(|(alarm, _)| alarm).map_err(Into::into));
@@ -110,6 +115,14 @@ fn held(channel: usize, end: Option<u64>, max_samples: usize) -> Option<Waveform
         start_time_s: start as f64 / info.sample_rate.0,
         samples: (start..end).map(|i| sample(channel, i)).collect(),
     })
+}
+
+fn sample_verdicts() -> Trend {
+    let columns = [("state", 3.0), ("severity", 0.62), ("confidence", 0.97)];
+    Trend {
+        time_s: vec![2.5, 5.0],
+        columns: columns.map(|(name, x)| (name.to_owned(), Unit::One, vec![x; 2])).into(),
+    }
 }
 
 fn sample_trend() -> Trend {

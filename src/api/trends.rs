@@ -140,7 +140,7 @@ pub(super) async fn trend(
     Ok(Json(TrendWire { channel: name, points }))
 }
 
-/// Gives state, severity and confidence of the verdicts on a component over time, from the store.
+/// Gives state, severity and confidence of the verdicts on a component over time, from the store and, of the newest windows, from memory.
 #[utoipa::path(
     get,
     path = "/api/v1/machines/{id}/components/{kind}/{component}/trend",
@@ -174,7 +174,13 @@ pub(super) async fn component(
     };
     let subject = Subject::Component(kind.into(), component.clone());
     let span = span(&query, &view)?.unwrap_or_default();
-    let (tier, columns) = stored(&state, &id, (&subject, &query, &view), span).await?;
+    let (tier, mut columns) = stored(&state, &id, (&subject, &query, &view), span).await?;
+    if tier == Tier::Windows {
+        let handle = state.machine(&id)?;
+        let (kind, component) = (kind.into(), component.clone());
+        let newest = |reply| ShardRequest::Verdicts { kind, component, reply };
+        append(&mut columns, &of_memory(&state.ask(handle, newest).await?), span, view.start_time);
+    }
     let has_any = columns.columns.iter().any(|column| column.value.iter().any(|v| !v.is_nan()));
     if !has_any {
         let handle = trends(&state)?;

@@ -143,6 +143,15 @@ pub enum ShardRequest {
         /// The columns.
         reply: oneshot::Sender<Trend>,
     },
+    /// The verdicts on a component in the newest windows: state, severity and confidence as the store has them.
+    Verdicts {
+        /// The component's kind.
+        kind: ComponentKind,
+        /// Its id.
+        component: String,
+        /// The columns; none where it was not judged.
+        reply: oneshot::Sender<Trend>,
+    },
     /// An operator does something to an alarm.
     Act {
         /// What.

@@ -1,9 +1,13 @@
 //! Features of the last windows, in memory and bounded.
 
 use crate::api::view::Trend;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
+use crate::store::trends::numbers_of;
 use crate::units::Unit;
+use std::collections::BTreeMap;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -12,6 +16,48 @@ pub const MAX_POINTS: usize = 2880;
 
 /// Most features kept for each channel; what comes beyond is left out of the trend.
 pub const MAX_COLUMNS: usize = 256;
+
+/// Windows of which the verdicts are kept until the store has them: twenty minutes at the default hop.
+const MAX_VERDICTS: usize = 240;
+
+/// Verdicts on the components of a machine; the oldest give way.
+#[derive(Debug, Clone, Default)]
+pub struct VerdictStore {
+    components: BTreeMap<(ComponentKind, String), VecDeque<(f64, Numbers)>>,
+}
+
+type Numbers = [(&'static str, f32); 3];
+
+impl VerdictStore {
+    /// Adds what was found in a window that ended at `time_s`.
+    pub fn push(&mut self, time_s: f64, found: &[ComponentDiagnosis]) {
+        for one in found {
+            let numbers = numbers_of(one.state, one.severity, one.confidence);
+            let of = self.components.entry((one.kind, one.id.clone())).or_default();
+            if of.len() == MAX_VERDICTS {
+                of.pop_front();
+            }
+            of.push_back((time_s, numbers));
+        }
+    }
+
+    /// Copies what was found of a component.
+    #[must_use]
+    pub fn of(&self, kind: ComponentKind, component: &str) -> Trend {
+        let Some(held) = self.components.get(&(kind, component.to_owned())) else {
+            return Trend::default();
+        };
+        let names = held.front().map(|(_, numbers)| numbers.map(|(name, _)| name));
+        let column = |(at, name): (usize, &'static str)| {
+            let values = held.iter().map(|(_, numbers)| f64::from(numbers[at].1)).collect();
+            (name.to_owned(), Unit::One, values)
+        };
+        Trend {
+            time_s: held.iter().map(|(time_s, _)| *time_s).collect(),
+            columns: names.into_iter().flatten().enumerate().map(column).collect(),
+        }
+    }
+}
 
 /// The trend of one channel; the oldest window gives way.
 #[derive(Debug, Clone, Default)]
@@ -115,6 +161,27 @@ mod tests {
         assert_eq!(rms_values[..2], [1.0, 2.0]);
         assert!(rms_values[2].is_nan() && crest_values[0].is_nan());
         assert_eq!(crest_values[1..], [3.0, 4.0]);
+    }
+
+    #[test]
+    fn verdicts_of_the_newest_windows_are_held_by_component() {
+        let found = |id: &str, severity: Option<f64>| ComponentDiagnosis {
+            severity,
+            ..ComponentDiagnosis::undetermined(id, ComponentKind::Bearing, String::new())
+        };
+        let mut store = VerdictStore::default();
+        for n in 1..=300_u32 {
+            let right = found("right", (n != 299).then_some(0.5));
+            store.push(f64::from(n), &[right, found("left", Some(0.1))]);
+        }
+        let trend = store.of(ComponentKind::Bearing, "right");
+        assert_eq!((trend.time_s.len(), trend.time_s[0]), (MAX_VERDICTS, 61.0));
+        let names: Vec<&str> = trend.columns.iter().map(|(name, ..)| name.as_str()).collect();
+        assert_eq!(names, ["state", "severity", "confidence"]);
+        let severity = &trend.columns[1].2;
+        assert!(severity[MAX_VERDICTS - 2].is_nan(), "not judged");
+        assert!((severity[MAX_VERDICTS - 1] - 0.5).abs() < 1e-12);
+        assert_eq!(store.of(ComponentKind::Shaft, "right"), Trend::default());
     }
 
     #[test]

@@ -142,6 +142,10 @@ async fn a_component_has_a_history_and_an_unknown_one_names_what_there_is() {
     assert_eq!(severity["tier"], "raw");
     let worst = numbers(&severity, "value").into_iter().flatten().fold(0.0, f64::max);
     assert!((worst - 0.7).abs() < 1e-6);
+    // The newest windows are there before they are stored.
+    let newest = numbers(&severity, "value").last().copied().flatten().unwrap();
+    assert!((newest - 0.62).abs() < 1e-6, "{severity}");
+    assert_eq!(numbers(&severity, "time_s").last().copied().flatten(), Some(5.0));
     let detail = service.get(&of("left", "")).await.problem(404);
     assert!(detail.contains("bearing right"), "{detail}");
     let detail = service.get(&of("right", "from=x")).await.problem(400);

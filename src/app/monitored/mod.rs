@@ -14,6 +14,7 @@ use super::link::Losses;
 use super::live::opening::Opener;
 use super::metering::Meters;
 use super::trend::TrendStore;
+use super::trend::VerdictStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
@@ -101,6 +102,8 @@ pub struct Monitored {
     window_end_s: Option<f64>,
     /// One a channel.
     trends: Vec<TrendStore>,
+    /// What was found of components in the newest windows.
+    verdicts: VerdictStore,
     /// Their way to the store.
     trending: Option<Trending>,
     /// What opens the stream of live senders.
@@ -145,6 +148,7 @@ impl Monitored {
             source: opened.source,
             start_time: opened.start_time,
             trends: vec![TrendStore::default(); channels.len()],
+            verdicts: VerdictStore::default(),
             trending: opened.trending,
             opener: opened.opener,
             doubts: Vec::new(),
@@ -224,6 +228,9 @@ impl Monitored {
                 drop(
                     reply.send(self.trends.get(channel).map(TrendStore::copy).unwrap_or_default()),
                 );
+            }
+            ShardRequest::Verdicts { kind, component, reply } => {
+                drop(reply.send(self.verdicts.of(kind, &component)));
             }
             ShardRequest::Act { act, reply } => {
                 let stream_s = self.stream_time_s();
@@ -366,6 +373,7 @@ impl Monitored {
                 end_s,
             );
             self.seen.push(&outcome);
+            self.verdicts.push(end_s, &outcome.diagnosis.components);
             self.trending.iter_mut().for_each(|trending| trending.take(&outcome));
             for features in &outcome.features {
                 if let Some(trend) = self.trends.get_mut(features.channel.0) {

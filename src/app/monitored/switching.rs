@@ -5,6 +5,7 @@ use super::PANICKED;
 use crate::api::view::SourceState;
 use crate::app::learning::Seen;
 use crate::app::trend::TrendStore;
+use crate::app::trend::VerdictStore;
 use crate::app::trending::Trending;
 use crate::ingest::replay::StreamInfo;
 use std::panic::AssertUnwindSafe;
@@ -47,6 +48,7 @@ impl Monitored {
         let channels = monitor.channels().to_vec();
         self.meters.take_channels(&opener.metrics, &self.machine.id, &channels);
         self.trends = vec![TrendStore::default(); channels.len()];
+        self.verdicts = VerdictStore::default();
         self.channels = Arc::new(channels);
         self.monitor = Some(monitor);
         self.capturing = fresh.capturing;

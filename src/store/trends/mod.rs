@@ -29,6 +29,7 @@ pub use retention::Holdings;
 pub use retention::Projection;
 pub use retention::Retention;
 pub use retention::project;
+pub use roll::numbers_of;
 pub use sqlite::FOLDER;
 pub use sqlite::SqliteTrends;
 pub use table::Column;

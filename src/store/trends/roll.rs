@@ -25,7 +25,17 @@ pub(super) type Gathered = BTreeMap<SeriesName, Gathering>;
 
 /// The numbers of a verdict, with their names.
 pub(super) fn numbers(verdict: &PastVerdict) -> [(&'static str, f32); 3] {
-    let state = match verdict.state {
+    numbers_of(verdict.state, verdict.severity, verdict.confidence)
+}
+
+/// The numbers by which a verdict is kept, with their names.
+#[must_use]
+pub fn numbers_of(
+    state: State,
+    severity: Option<f64>,
+    confidence: Option<f64>,
+) -> [(&'static str, f32); 3] {
+    let state = match state {
         State::Undetermined => f32::NAN,
         State::Healthy => 1.0,
         State::Warning => 2.0,
@@ -33,7 +43,7 @@ pub(super) fn numbers(verdict: &PastVerdict) -> [(&'static str, f32); 3] {
     };
     #[expect(clippy::cast_possible_truncation, reason = "what is stored is f32")]
     let number = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32);
-    [(STATE, state), (SEVERITY, number(verdict.severity)), (CONFIDENCE, number(verdict.confidence))]
+    [(STATE, state), (SEVERITY, number(severity)), (CONFIDENCE, number(confidence))]
 }
 
 /// Gathers the verdicts of windows at a place.
