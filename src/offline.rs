@@ -6,6 +6,7 @@ use crate::capture::error::CaptureError;
 use crate::capture::hints::Hints;
 use crate::capture::info::CaptureInfo;
 use crate::capture::reader::CaptureReader;
+use crate::capture::reader::ReadReport;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
@@ -64,6 +65,21 @@ pub enum OfflineError {
         /// The capture.
         file: PathBuf,
     },
+    /// Nothing to judge, because of what was rejected.
+    #[error(
+        "{} holds no window of contiguous samples: {n_rejected} of {n_samples} are no finite numbers in single precision \
+         (NaN, infinite, or beyond 3.4e38 in the unit of analysis){}",
+        file.display(),
+        if n_rejected == n_samples { "" } else { ", and what lies between them is too short" }
+    )]
+    Rejected {
+        /// The capture.
+        file: PathBuf,
+        /// Samples that cannot be used, of all.
+        n_rejected: u64,
+        /// All.
+        n_samples: u64,
+    },
 }
 
 /// What to hold a capture against.
@@ -100,6 +116,18 @@ struct Run {
     outcomes: Vec<Outcome>,
     /// How the capture was read.
     notes: Vec<String>,
+    /// What was read of it.
+    read: ReadReport,
+}
+
+/// Why nothing can be judged.
+fn nothing(file: &Path, read: &ReadReport) -> OfflineError {
+    let (file, n_rejected) = (file.to_owned(), read.samples_rejected());
+    if n_rejected == 0 {
+        return OfflineError::Empty { file };
+    }
+    let n_samples = read.samples_read + n_rejected;
+    OfflineError::Rejected { file, n_rejected, n_samples }
 }
 
 /// Diagnoses one capture; `progress` is told the part done, 0…1.
@@ -115,7 +143,7 @@ pub fn diagnose(
     let run = run(file, reference, progress)?;
     let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
     let diagnosis = run.monitor.conclude(&judged);
-    let diagnosis = diagnosis.ok_or_else(|| OfflineError::Empty { file: file.to_owned() })?;
+    let diagnosis = diagnosis.ok_or_else(|| nothing(file, &run.read))?;
     let notes = run.notes.into_iter().chain(diagnosis.notes).collect();
     Ok(Diagnosis { notes, ..diagnosis })
 }
@@ -258,7 +286,7 @@ fn run(
     }
     monitor.finish(&mut keep);
     progress(1.0);
-    Ok(Run { monitor, outcomes, notes })
+    Ok(Run { monitor, outcomes, notes, read: report })
 }
 
 /// Opens a capture with the machine given, its own, or an implied one.
@@ -389,6 +417,16 @@ mod tests {
                 Err(error) => assert!(!error.to_string().is_empty(), "{rate}"),
             }
         }
+    }
+
+    #[test]
+    fn what_holds_no_number_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = capture(folder.path(), 1000.0, &[f32::NAN; 5000]);
+        let error = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap_err();
+        let told = error.to_string();
+        assert!(told.contains("5000 of 5000 are no finite numbers"), "{told}");
+        assert!(!told.contains("revolutions"), "{told}");
     }
 
     #[test]
