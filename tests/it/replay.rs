@@ -3,6 +3,8 @@
 use crate::support;
 use crate::support::Daemon;
 use serde_json::Value;
+use std::io::BufRead;
+use std::io::BufReader;
 use tempfile::TempDir;
 
 const RATE_HZ: f64 = 2000.0;
@@ -86,4 +88,24 @@ fn a_repeated_replay_goes_on_as_one_stream() {
     });
     let ended = daemon.terminate();
     assert_eq!(ended.status.code(), Some(0), "{}", ended.stderr);
+}
+
+#[test]
+fn a_daemon_that_is_not_there_is_told_at_once() {
+    let dir = TempDir::new().unwrap();
+    support::write_ramp(&dir, "x.h5", 100.0, 300);
+    let mut command = support::command();
+    command.arg("replay").arg(dir.path().join("x.h5")).args(["--to", "tcp://127.0.0.1:1"]);
+    let mut sender = command.spawn().unwrap();
+    // Ends with the line, or when the sender gives up a minute later.
+    let lines = BufReader::new(sender.stderr.take().unwrap()).lines();
+    let said: Vec<String> = lines
+        .map(Result::unwrap)
+        .take_while(|line| !line.contains("tried again for 60 s"))
+        .filter(|line| line.contains("no connection for"))
+        .collect();
+    let is_running = sender.try_wait().unwrap().is_none();
+    sender.kill().unwrap();
+    sender.wait().unwrap();
+    assert!(is_running && said.is_empty(), "{said:?}");
 }

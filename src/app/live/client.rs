@@ -5,6 +5,7 @@
 use super::line::Address;
 use super::line::Line;
 use crate::app::now;
+use crate::causes::with_causes;
 use crate::wire;
 use crate::wire::Block;
 use crate::wire::Bye;
@@ -247,9 +248,20 @@ impl Sender {
             if now().saturating_duration_since(begun) > GIVE_UP {
                 return Err(error);
             }
+            if wait == BACK_OFF.0 {
+                self.tell_of_waiting(&error);
+            }
             thread::sleep(wait);
             wait = (2 * wait).min(BACK_OFF.1);
         }
+    }
+
+    /// Says that it does not work at first, so that nobody waits and does not know for what.
+    fn tell_of_waiting(&self, error: &SendError) {
+        let source = std::error::Error::source(error);
+        let why = source.map_or_else(|| error.to_string(), with_causes);
+        let (address, longest_s) = (self.address.url(), GIVE_UP.as_secs());
+        tracing::warn!(address, why, "no connection yet, tried again for {longest_s} s");
     }
 
     /// Connects and asks where to go on.
