@@ -19,6 +19,8 @@ use super::limit;
 use super::lines::LineReader;
 use super::load;
 use super::orbit;
+use super::outburst;
+use super::outburst::Quiet;
 use super::overall;
 use super::plans::Plans;
 use super::reception;
@@ -108,7 +110,8 @@ impl Extractor {
     pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
         let machine = Arc::clone(&self.machine);
         let mut sensors = self.read_sensors(window);
-        let (mut traces, mut cut) = self.vibration_traces(window, &sensors);
+        let quiet = outburst::set_aside(&machine, &self.channels, window, &mut sensors);
+        let (mut traces, mut cut) = self.vibration_traces(window, &quiet, &sensors);
         for trace in &mut traces {
             let unit = self.channels[trace.channel.0].unit;
             let spectrum = (&trace.x_hat[..], trace.samples.len(), trace.rate);
@@ -266,6 +269,7 @@ impl Extractor {
     fn vibration_traces<'a>(
         &mut self,
         window: &Window<'a>,
+        quiet: &'a [Quiet],
         sensors: &[SensorReading],
     ) -> (Vec<Trace<'a>>, Vec<Trace<'a>>) {
         let (mut traces, mut cut) = (Vec::new(), Vec::new());
@@ -284,7 +288,11 @@ impl Extractor {
             if reading.flaw.is_some() {
                 continue;
             }
-            let mut trace = Trace::new(reading, run, info.sample_rate, &mut self.plans);
+            let (heard, set_aside) = outburst::of(quiet, reading.channel, run);
+            let mut trace = Trace::new(reading, heard, info.sample_rate, &mut self.plans);
+            if set_aside.is_some_and(|quiet| !quiet.is_of_lost_samples) {
+                trace.moments = Moments::of(run.samples);
+            }
             trace.features = overall::levels(&trace.moments, info.unit, info.offset);
             trace.features.extend(velocity(&trace.samples, info, sensor.kind, &mut self.plans));
             let (samples, asked) = ((&trace.samples[..], trace.rate), (info.unit, &mut self.plans));

@@ -28,6 +28,7 @@ pub mod comb;
 pub mod gear;
 pub mod limit;
 pub mod orbit;
+mod outburst;
 pub mod run_up;
 pub mod extract;
 

@@ -132,8 +132,9 @@ pub fn find_flaw(
     if levels <= FEWEST_LEVELS && x.len() > 200 {
         return Some(SensorFlaw::WrongRange { levels });
     }
-    let (count, energy) = spikes(x);
-    let part = energy / (n * moments.variance()?);
+    let spikes = spikes(x);
+    let energy: f64 = spikes.iter().map(|(_, height)| height * height).sum();
+    let (count, part) = (spikes.len(), energy / (n * moments.variance()?));
     (count >= FEWEST_SPIKES && part >= SPIKES_PART)
         .then_some(SensorFlaw::Spiking { count, part: part.min(1.0) })
 }
@@ -149,15 +150,17 @@ pub fn find_gap(sensor: &Sensor, unit: Unit, mean: f64) -> Option<SensorFlaw> {
     (!is_within).then_some(SensorFlaw::Gap { volts, allowed })
 }
 
-/// Number and summed squares of single samples far off the mean of their neighbours, which themselves lie where those
+/// Places and heights of single samples far off the mean of their neighbours, which themselves lie where those
 /// beyond let expect.
-fn spikes(x: &[f32]) -> (usize, f64) {
+pub(super) fn spikes(x: &[f32]) -> Vec<(usize, f64)> {
     let deviation = |before: f32, at: f32, after: f32| {
         f64::from(at) - 0.5 * (f64::from(before) + f64::from(after))
     };
     let size = |w: &[f32]| f32::rounded(deviation(w[0], w[1], w[2]).abs());
     let mut sizes: Vec<f32> = x.windows(3).map(size).collect();
-    let Some(median) = stats::median(&mut sizes).filter(|m| *m > 0.0) else { return (0, 0.0) };
+    let Some(median) = stats::median(&mut sizes).filter(|m| *m > 0.0) else {
+        return Vec::new();
+    };
     let limit = SPIKE_DEVIATIONS * MAD_TO_DEVIATION * f64::from(median);
     let spike = |w: &[f32]| {
         let height = deviation(w[1], w[2], w[3]).abs();
@@ -169,8 +172,8 @@ fn spikes(x: &[f32]) -> (usize, f64) {
         let right = deviation(w[1], w[3], w[4]).abs();
         (left.max(right) <= BESIDE_SPIKE * height).then_some(height)
     };
-    let found = x.windows(5).filter_map(spike);
-    found.fold((0, 0.0), |(count, energy), height| (count + 1, energy + height * height))
+    let found = x.windows(5).enumerate();
+    found.filter_map(|(i, w)| Some((i + 2, spike(w)?))).collect()
 }
 
 /// Longest run of equal neighbours.

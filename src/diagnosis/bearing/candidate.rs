@@ -126,6 +126,16 @@ impl<'a> Candidate<'a> {
         Self::weigh_those(search, accepted, n_looks, |_| true)
     }
 
+    /// Weighs one search, those readings included that only their side bands at the shaft's speed explain.
+    pub(super) fn weigh_turned(
+        search: &'a LineSearch,
+        accepted: &[Accepted<'_>],
+        n_looks: f64,
+    ) -> Self {
+        let is_fit = |r: &BandReading| !r.is_explained() || r.is_of_turning_load();
+        Self::weigh_those(search, accepted, n_looks, is_fit)
+    }
+
     /// Weighs the readings of one search that are `fit` and that accepted lines do not explain.
     fn weigh_those(
         search: &'a LineSearch,

@@ -7,11 +7,11 @@ use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
 use super::looked;
+use super::nobodys;
 use super::owner;
 use super::place;
 use super::risen;
 use super::said;
-use super::sentence;
 use crate::diagnosis::Context;
 use crate::features::WindowFeatures;
 use crate::features::bands;
@@ -220,7 +220,9 @@ pub(super) fn why_open(
     };
     first
         .or_else(in_few)
-        .or_else(|| nobodys(searches, seen))
+        .or_else(|| nobodys::nobodys(searches, seen))
+        .or_else(|| nobodys::of_turning_load(searches, seen))
+        .or_else(|| nobodys::of_the_cage(candidates, seen))
         .or_else(of_several)
         .or_else(|| half_deep(candidates, seen))
         .or_else(|| looked::hidden(searches, seen))
@@ -297,46 +299,6 @@ fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
     Some(said::half_deep(deepest, seen))
 }
 
-/// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of
-/// health either.
-fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
-    let looks = accept::n_looks(seen.features, seen.bearing);
-    let readable = searches.iter().filter(|s| s.outcome.is_ok());
-    let is_nobodys = |line: &Candidate<'_>| {
-        let mut without_owner = seen.accepted.iter().filter(|a| a.owners.is_empty());
-        let frequency = line.best.as_ref().map(|best| best.frequency);
-        frequency.is_some_and(|f| without_owner.any(|a| a.is_at(f, line.search.resolution)))
-    };
-    let proven = readable.map(|s| Candidate::weigh(s, &[], looks)).filter(Candidate::is_proven);
-    let would_accuse = |line: &Candidate<'_>| {
-        line.is_surely_deep()
-            && line.is_agreed()
-            && !line.is_bare()
-            && !line.is_carried()
-            && !is_turned(line)
-            // Accepted, it would explain itself.
-            && !candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, &[], 1.0)))
-            && !has_not_grown(line, seen)
-    };
-    let line = proven
-        .filter(is_nobodys)
-        .filter(would_accuse)
-        .max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
-    Some(format!(
-        "{}; it is heard best where events of the shaft that passing elements modulate would explain it: neither \
-         accused nor acquitted",
-        sentence(&line, seen.context)
-    ))
-}
-
-/// Whether it is a line of the race at rest with side bands at 1×: a defect there meets the same load on each turn, and
-/// what turns is the shaft's.
-fn is_turned(line: &Candidate<'_>) -> bool {
-    !line.search.is_of_turning_race()
-        && line.search.line != DefectLine::TwoBsf
-        && line.has_side_band()
-}
-
 /// Whether it is a cage's line beside which no line of this bearing's races stands in the channel with side bands at the cage's rate, and which no
 /// baseline shows to be news: a cage that is damaged disturbs what passes them, belts and shafts that nobody listed strike at such rates, too (C9).
 fn is_lone(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
@@ -407,7 +369,7 @@ fn is_known_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 
 /// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
 /// rate.
-fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+pub(super) fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, seen.accepted, 1.0)))
 }
 
@@ -432,7 +394,7 @@ fn is_seen_to_be_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
 }
 
 /// What all channels, at whatever bearing, that listen for a line at this rate read of it.
-fn everywhere<'a>(
+pub(super) fn everywhere<'a>(
     line: &Candidate<'_>,
     seen: &Seen<'a>,
     weigh: impl Fn(&'a LineSearch) -> Candidate<'a>,
@@ -446,7 +408,7 @@ fn everywhere<'a>(
 }
 
 /// Whether a baseline has this line of the absolute vibration and it has not grown since.
-fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+pub(super) fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     grown::is_as_when_healthy(seen.bearing, line.search.line, seen.features, seen.context)
 }
 
@@ -483,6 +445,10 @@ pub(super) mod tests;
 #[cfg(test)]
 #[path = "foreign_tests.rs"]
 mod foreign_tests;
+
+#[cfg(test)]
+#[path = "grown_tests.rs"]
+mod grown_tests;
 
 #[cfg(test)]
 #[path = "small_tests.rs"]

@@ -325,37 +325,6 @@ fn other_elements_of_two_bearings_at_one_rate_belong_to_the_one_that_is_louder()
 }
 
 #[test]
-fn a_line_that_grew_accuses_unless_a_stronger_one_grew_as_well() {
-    let weak = || absolute_line(0, DefectLine::Bpfi, 6.0);
-    let alone = judged(Vec::new(), vec![weak()]);
-    assert_eq!(alone[0].fault, Some(FaultMode::InnerRace), "{}", alone[0].why);
-    let both = judged(Vec::new(), vec![weak(), absolute_line(1, DefectLine::Bpfo, 9.0)]);
-    assert_eq!(both[0].state, State::Undetermined, "{}", both[0].why);
-    assert!(both[0].why.contains("BPFO at b has grown too"), "{}", both[0].why);
-    assert_eq!(both[1].fault, Some(FaultMode::OuterRace), "{}", both[1].why);
-    // A stronger line that was there before explains nothing.
-    let old = AbsoluteLine { amplitude: 4.0, ..absolute_line(1, DefectLine::Bpfo, 9.0) };
-    let beside_old = judged(Vec::new(), vec![absolute_line(0, DefectLine::Bpfi, 6.0), old]);
-    assert_eq!(beside_old[0].fault, Some(FaultMode::InnerRace), "{}", beside_old[0].why);
-}
-
-#[test]
-fn a_line_that_grew_under_a_moving_shaft_accuses_nobody() {
-    let grown = |line: DefectLine, moved: f64| {
-        judged_on(moved, Vec::new(), vec![absolute_line(0, line, 6.0)]).remove(0)
-    };
-    let races =
-        [(DefectLine::Bpfi, FaultMode::InnerRace), (DefectLine::Bpfo, FaultMode::OuterRace)];
-    for (line, fault) in races {
-        let steady = grown(line, 2.0);
-        assert_eq!(steady.fault, Some(fault), "{}", steady.why);
-        let moving = grown(line, 20.0);
-        assert_eq!(moving.state, State::Undetermined, "{}", moving.why);
-        assert!(moving.why.contains("loads the elements more"), "{}", moving.why);
-    }
-}
-
-#[test]
 fn a_small_line_that_is_news_warns_without_a_cause() {
     let at = |bearing: usize, moved: f64, depth: f64| {
         let line = search(bearing, DefectLine::Bpfi, depth);

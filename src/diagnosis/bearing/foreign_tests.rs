@@ -2,6 +2,7 @@
 
 use super::tests::changed;
 use super::tests::judged_at;
+use super::tests::judged_with;
 use super::tests::search;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
@@ -136,4 +137,40 @@ fn elements_with_the_side_bands_of_their_cage_need_not_be_deep_in_many_bands() {
         assert_eq!(open.state, State::Undetermined, "{}", open.why);
         assert!(open.why.contains("too few bands have 0.50 to accuse"), "{}", open.why);
     }
+}
+
+#[test]
+fn a_line_whose_side_bands_a_turning_load_would_make_is_neither_accused_nor_acquitted() {
+    let verdict = |line: DefectLine, depth: f64, outdone: Option<Hz>| {
+        let turned = changed(search(0, line, depth), |reading| {
+            (reading.is_shaft_product, reading.outdone_by) = (true, outdone);
+        });
+        judged_with(1.0, vec![turned], Vec::new(), Vec::new()).remove(0)
+    };
+    let open = verdict(DefectLine::Bpfo, 0.6, None);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("a load that turns with the shaft"), "{}", open.why);
+    // Side bands higher than the line no load makes; and too little to accuse were it the defect's.
+    for (depth, outdone) in [(0.6, Some(Hz(120.0))), (0.15, None)] {
+        let sound = verdict(DefectLine::Bpfo, depth, outdone);
+        assert_eq!(sound.state, State::Healthy, "{}", sound.why);
+    }
+}
+
+#[test]
+fn a_cages_line_that_is_set_aside_acquits_nobody() {
+    let verdict = |depth: f64| {
+        let explained = changed(search(0, DefectLine::Bpfi, 0.6), |reading| {
+            reading.is_mirrored = true;
+        });
+        let cage = LineSearch {
+            expected: Hz(12.0),
+            ..changed(search(0, DefectLine::Ftf, depth), |reading| reading.frequency = Hz(12.0))
+        };
+        judged_with(1.0, vec![explained, cage], Vec::new(), Vec::new()).remove(0)
+    };
+    let open = verdict(0.8);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("elements that the cage carries strike so"), "{}", open.why);
+    assert_eq!(verdict(0.5).state, State::Healthy, "as much is made by sound elements that differ");
 }

@@ -1,9 +1,13 @@
 //! The source's bearing signature: a line in the absolute vibration that has grown over the baseline.
 //!
-//! Used where the envelope bands prove nothing: the absolute vibration also hears defects whose
+//! Used where the envelope bands accuse nobody: the absolute vibration also hears defects whose
 //! impacts excite no resonance. It needs a baseline, for a healthy bearing may show such a line too.
 
 use super::accept::Accepted;
+use super::doubt::Doubt;
+use super::doubt::Seen;
+use super::doubt::Sorted;
+use super::place;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
 use crate::diagnosis::rotation;
@@ -56,22 +60,20 @@ impl Grown<'_> {
 pub(super) enum Growth<'a> {
     /// A line that nothing else explains.
     Proven(Grown<'a>),
-    /// A line beside a stronger one that has grown as well: of another element, or at another bearing.
+    /// A line beside one that has grown as well: a stronger one, or one at the same rate at another bearing that is about as strong.
     Beside(Grown<'a>, &'a AbsoluteLine),
+    /// A line whose rate a bearing may have that no pair listens to.
+    Unheard(Grown<'a>, BearingIndex),
     /// A line under a shaft that moves more than it did: its bow or unbalance turns and loads all elements more, which pass sound races
     /// at the same rates.
     Carried(Grown<'a>),
 }
 
-/// The strongest line of `bearing` that has grown: it stands over the noise *and* over the baseline,
+/// The strongest line of `seen.bearing` that has grown: it stands over the noise *and* over the baseline,
 /// and neither a line accepted elsewhere nor the shaft's events explain it. Beside a stronger one it proves
-/// nothing: what strikes hard in one place moves all lines of the machine.
-pub(super) fn strongest<'a>(
-    bearing: BearingIndex,
-    features: &'a WindowFeatures,
-    context: &Context<'_>,
-    accepted: &[Accepted<'_>],
-) -> Option<Growth<'a>> {
+/// nothing: what strikes hard in one place moves all lines of the machine. `sorted`: what the envelopes say of the bearing.
+pub(super) fn strongest<'a>(seen: &Seen<'a>, sorted: &Sorted<'_>) -> Option<Growth<'a>> {
+    let Seen { bearing, features, context, .. } = *seen;
     // A baseline is of one speed.
     if features.speed.is_transient() {
         return None;
@@ -91,23 +93,65 @@ pub(super) fn strongest<'a>(
         let probability = (looks * over_noise.max(over_baseline)).min(1.0);
         Some(Grown { line, ratio, probability })
     });
-    let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
     let grown = grown
         .filter(|g| g.probability <= context.false_alarm_probability)
-        .filter(|g| !accepted.iter().any(|a| a.explains(g.line.reading.frequency, resolution)))
+        .filter(|g| !is_anothers(g.line, seen, sorted))
         .max_by(|a, b| a.line.amplitude.total_cmp(&b.line.amplitude))?;
-    let stronger = features
+    let beside = features
         .absolute_lines
         .iter()
         .filter(is_searched)
-        .filter(|l| l.amplitude > grown.line.amplitude)
-        .find(|l| growth(l, features, context).is_some());
+        .find(|other| is_rival(other, grown.line, seen));
     let shaft = context.machine.bearing(bearing).shaft;
-    Some(match stronger {
-        Some(other) => Growth::Beside(grown, other),
-        None if rotation::is_moved(shaft, features, context) => Growth::Carried(grown),
-        None => Growth::Proven(grown),
+    Some(match (beside, place::without_pair(grown.line, features, context)) {
+        (Some(other), _) => Growth::Beside(grown, other),
+        (None, Some(unheard)) => Growth::Unheard(grown, unheard),
+        (None, None) if rotation::is_moved(shaft, features, context) => Growth::Carried(grown),
+        (None, None) => Growth::Proven(grown),
     })
+}
+
+/// Within what two readings of the window are of one line.
+fn resolution(features: &WindowFeatures) -> Hz {
+    Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE))
+}
+
+/// Whether a line accepted in the envelopes explains this one, unless it is this very line and all that keeps it from accusing is what
+/// growth tells: how much of it there is, and where it is strongest.
+fn is_anothers(line: &AbsoluteLine, seen: &Seen<'_>, sorted: &Sorted<'_>) -> bool {
+    let (at, resolution) = (line.reading.frequency, resolution(seen.features));
+    let mut doubts = sorted.doubts.iter().filter(|(_, c)| c.search.line == line.line);
+    let is_told_by_growth = doubts.all(|(doubt, _)| is_told_by_growth(*doubt));
+    let is_own = |a: &Accepted<'_>| {
+        let is_of = a.owners.is_empty() || a.is_of(line.bearing, line.line);
+        is_told_by_growth && is_of && a.is_at(at, resolution)
+    };
+    seen.accepted.iter().any(|a| a.explains(at, resolution) && !is_own(a))
+}
+
+/// Whether a doubt about a line in the envelopes is one of effect or of place. Growth tells nothing of whose rate it is.
+fn is_told_by_growth(doubt: Doubt) -> bool {
+    match doubt {
+        Doubt::Unplaced | Doubt::Smooth | Doubt::OfTone | Doubt::NearLimit => true,
+        Doubt::Bare
+        | Doubt::Carried
+        | Doubt::Lone
+        | Doubt::OfElements
+        | Doubt::SideLine
+        | Doubt::Contested
+        | Doubt::NearMultiple
+        | Doubt::Overheard
+        | Doubt::NotGrown => false,
+    }
+}
+
+/// Whether `other` leaves open what has grown: stronger than `line`, or at its rate at another bearing and no less than 3 dB weaker (C45).
+fn is_rival(other: &AbsoluteLine, line: &AbsoluteLine, seen: &Seen<'_>) -> bool {
+    let (a, b) = (other.reading.frequency, line.reading.frequency);
+    let is_at_its_rate =
+        other.bearing != line.bearing && (a.0 - b.0).abs() <= resolution(seen.features).0;
+    let limit = if is_at_its_rate { place::AS_LOUD.sqrt() } else { 1.0 };
+    other.amplitude > limit * line.amplitude && growth(other, seen.features, seen.context).is_some()
 }
 
 /// How far this line of the bearing has grown in the absolute vibration, in the pair where it has most; `None` without

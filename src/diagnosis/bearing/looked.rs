@@ -10,6 +10,7 @@ use crate::features::bands;
 use crate::features::bearing;
 use crate::features::bearing::Covered;
 use crate::features::bearing::DefectLine;
+use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
 use crate::features::bearing::Unreadable;
 use crate::machine::BearingIndex;
@@ -60,6 +61,43 @@ pub(super) fn too_short_to_acquit(searches: &[&LineSearch]) -> Option<String> {
 /// What to do about windows that are too short.
 const LONGER: &str =
     "record longer, or set lengthen_windows, or a larger window_seconds, of the daemon";
+
+/// Why a bearing whose lines do not stand is not acquitted: a race's line as deep as accuses would not stand either, in most bands of any
+/// channel (C46).
+pub(super) fn would_not_be_seen(searches: &[&LineSearch], context: &Context<'_>) -> Option<String> {
+    [DefectLine::Bpfi, DefectLine::Bpfo].into_iter().find_map(|line| {
+        let read = searches.iter().filter(|s| s.line == line && s.outcome.is_ok());
+        let needed = read.filter_map(|s| Some((*s, needed_depth(s)?)));
+        let (search, depth) = needed.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (depth > severity::WARNING_DEPTH).then(|| {
+            format!(
+                "{} of {:.1} Hz would stand over the noise in half of the bands of {} from modulation depth {depth:.1} on, and {:.2} \
+                 accuses: what strikes at no rate, or the shortness of the window, hides it",
+                line.name(),
+                search.expected.0,
+                context.channel_name(search.channel),
+                severity::WARNING_DEPTH,
+            )
+        })
+    })
+}
+
+/// Depth from which a line of a search would stand in half of its bands; `None` without bands.
+fn needed_depth(search: &LineSearch) -> Option<f64> {
+    let fundamentals = search.outcome.as_deref().ok()?.iter().filter_map(|r| r.harmonics[0]);
+    let mut needed: Vec<f64> = fundamentals.map(|h| needed_of(&h)).collect();
+    needed.sort_by(f64::total_cmp);
+    needed.get(needed.len().div_ceil(2).max(1) - 1).copied()
+}
+
+/// Depth that a harmonic would need for noise to exceed it at the probability at which a line counts as there.
+fn needed_of(harmonic: &Harmonic) -> f64 {
+    if harmonic.power_ratio <= 0.0 {
+        return 0.0;
+    }
+    let stands = confidence::power_ratio_at(harmonic, confidence::FALSE_ALARM_PROBABILITY);
+    harmonic.depth * (stands / harmonic.power_ratio).sqrt()
+}
 
 /// Why a line could not be read in any channel at its kinematic rate, if so.
 pub(super) fn not_read(line: DefectLine, searches: &[&LineSearch]) -> Option<String> {
@@ -135,6 +173,7 @@ fn may_hide(covered: &Covered, search: &LineSearch, accepted: &[Accepted<'_>]) -
 
 #[cfg(test)]
 mod tests {
+    use super::super::doubt::tests::changed;
     use super::super::doubt::tests::judged_with;
     use super::super::doubt::tests::search;
     use super::*;
@@ -142,7 +181,6 @@ mod tests {
     use crate::diagnosis::fault::State;
     use crate::diagnosis::verdict::ComponentDiagnosis;
     use crate::features::bands::Band;
-    use crate::features::bearing::Harmonic;
     use crate::features::bearing::Searched;
     use crate::units::Hz;
 
@@ -215,6 +253,24 @@ mod tests {
         assert_eq!(verdict.state, State::Undetermined);
         let said = ["BPFO", "too little to accuse", "besides, BPFI 270.0 Hz coincides with 9× s"];
         assert!(said.iter().all(|part| verdict.why.contains(part)), "{}", verdict.why);
+    }
+
+    #[test]
+    fn what_would_not_be_seen_acquits_nobody() {
+        // Noise whose power is twice its mean at the line, of this depth.
+        let noise = |depth: f64| {
+            changed(search(0, DefectLine::Bpfi, 0.0), |reading| {
+                reading.harmonics.iter_mut().flatten().for_each(|h| {
+                    (h.power_ratio, h.depth) = (2.0, depth);
+                });
+            })
+        };
+        // It would take some twelve times the power, 3.5 times the depth.
+        let (hidden, seen) =
+            (judged(vec![noise(0.3)]).remove(0), judged(vec![noise(0.1)]).remove(0));
+        assert_eq!(hidden.state, State::Undetermined, "{}", hidden.why);
+        assert!(hidden.why.contains("BPFI of 150.0 Hz would stand"), "{}", hidden.why);
+        assert_eq!(seen.state, State::Healthy, "{}", seen.why);
     }
 
     #[test]

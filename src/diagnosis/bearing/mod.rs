@@ -12,6 +12,7 @@ mod doubt;
 mod evidence;
 mod grown;
 mod looked;
+mod nobodys;
 mod owner;
 mod place;
 mod power;
@@ -191,7 +192,7 @@ fn decide(
     if let Some((first, others)) = sorted.shared.first() {
         return warn_of_shared(verdict, first, others, features, context);
     }
-    let grown = grown::strongest(bearing, features, context, accepted);
+    let grown = grown::strongest(seen, sorted);
     if let Some(Growth::Proven(grown)) = &grown {
         return accuse_by_growth(verdict, grown, features, context);
     }
@@ -200,6 +201,7 @@ fn decide(
     }
     let open = match &grown {
         Some(Growth::Beside(grown, other)) => Some(said::beside(grown, other, context)),
+        Some(Growth::Unheard(grown, other)) => Some(said::without_pair(grown, *other, context)),
         Some(Growth::Carried(grown)) => Some(said::loaded(grown, context)),
         Some(Growth::Proven(_)) | None => unsure,
     };
@@ -213,6 +215,7 @@ fn decide(
     let open = doubt::why_open(&sorted.doubts, candidates, searches, seen);
     let unread = looked::race_not_read(searches);
     let open = open.or_else(|| looked::too_short_to_acquit(searches).filter(|_| unread.is_none()));
+    let open = open.or_else(|| looked::would_not_be_seen(searches, context));
     match (open, unread) {
         (Some(why), None) | (None, Some(why)) => verdict.why = why,
         (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),

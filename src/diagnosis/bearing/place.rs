@@ -6,6 +6,7 @@ use super::candidate::Candidate;
 use super::owner;
 use crate::diagnosis::Context;
 use crate::features::WindowFeatures;
+use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::reach;
@@ -13,7 +14,7 @@ use crate::machine::BearingIndex;
 use crate::units::Hz;
 
 /// Power at another bearing's sensor, over that of the line, from which loudness tells nothing (3 dB): resonances on the way make as much.
-const AS_LOUD: f64 = 0.5;
+pub(super) const AS_LOUD: f64 = 0.5;
 
 /// What noise may hide at another bearing's sensor counts by this part: whatever comes from there is louder there, and by 3 dB at least if
 /// loudness is to tell, so that it is what is heard here only if twice as much of it is hidden.
@@ -97,32 +98,58 @@ pub(super) fn unheard(
     context: &Context<'_>,
 ) -> Option<BearingIndex> {
     let at = line.best.as_ref()?.frequency;
+    let is_cage = line.search.line == DefectLine::Ftf;
     let is_heard =
         |bearing| features.bearing_lines.iter().any(|s| s.bearing == bearing && s.outcome.is_ok());
-    let has_rate = |bearing: &BearingIndex| {
-        let described = context.machine.bearing(*bearing);
-        let ratio = context.machine.shafts[described.shaft.0].ratio_to_first;
-        let speed = features.speed.first.zip(ratio).map(|(first, ratio)| Hz(first.0 * ratio));
-        let rates = speed.and_then(|speed| described.fault_rates(speed));
-        rates.is_some_and(|rates| {
-            let bands = described.bands;
-            let is_cage = line.search.line == DefectLine::Ftf;
-            let lines = [
-                (DefectLine::Ftf, rates.ftf, bands.ftf),
-                (DefectLine::Bpfi, rates.bpfi, bands.bpfi),
-                (DefectLine::Bpfo, rates.bpfo, bands.bpfo),
-                (DefectLine::TwoBsf, rates.two_bsf(), bands.two_bsf),
-            ];
-            let mut of_kind =
-                lines.into_iter().filter(|(line, ..)| (*line == DefectLine::Ftf) == is_cage);
-            of_kind.any(|(line, expected, band)| {
-                let (low, high) = reach::searched_range(line, expected, band);
-                (low.0..=high.0).contains(&at.0)
-            })
+    bearings(context)
+        .filter(|b| !is_heard(*b))
+        .find(|b| has_rate(*b, at, is_cage, features, context))
+}
+
+/// A bearing that no pair of sensors listens to and whose geometry gives it the rate of this line of the absolute vibration, too.
+pub(super) fn without_pair(
+    line: &AbsoluteLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<BearingIndex> {
+    let (at, is_cage) = (line.reading.frequency, line.line == DefectLine::Ftf);
+    let is_heard = |bearing| features.absolute_lines.iter().any(|l| l.bearing == bearing);
+    bearings(context)
+        .filter(|b| !is_heard(*b))
+        .find(|b| has_rate(*b, at, is_cage, features, context))
+}
+
+fn bearings(context: &Context<'_>) -> impl Iterator<Item = BearingIndex> {
+    (0..context.machine.bearings.len()).map(BearingIndex)
+}
+
+/// Whether a line of this bearing, the cage's or another, may be at this rate by its geometry and slip.
+fn has_rate(
+    bearing: BearingIndex,
+    at: Hz,
+    is_cage: bool,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> bool {
+    let described = context.machine.bearing(bearing);
+    let ratio = context.machine.shafts[described.shaft.0].ratio_to_first;
+    let speed = features.speed.first.zip(ratio).map(|(first, ratio)| Hz(first.0 * ratio));
+    let rates = speed.and_then(|speed| described.fault_rates(speed));
+    rates.is_some_and(|rates| {
+        let bands = described.bands;
+        let lines = [
+            (DefectLine::Ftf, rates.ftf, bands.ftf),
+            (DefectLine::Bpfi, rates.bpfi, bands.bpfi),
+            (DefectLine::Bpfo, rates.bpfo, bands.bpfo),
+            (DefectLine::TwoBsf, rates.two_bsf(), bands.two_bsf),
+        ];
+        let mut of_kind =
+            lines.into_iter().filter(|(line, ..)| (*line == DefectLine::Ftf) == is_cage);
+        of_kind.any(|(line, expected, band)| {
+            let (low, high) = reach::searched_range(line, expected, band);
+            (low.0..=high.0).contains(&at.0)
         })
-    };
-    let bearings = (0..context.machine.bearings.len()).map(BearingIndex);
-    bearings.filter(|bearing| !is_heard(*bearing)).find(has_rate)
+    })
 }
 
 #[cfg(test)]

@@ -213,13 +213,28 @@ fn what_would_tell(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
     }
 }
 
-/// Why a line that has grown beside a stronger one does not accuse.
+/// Why a line that has grown beside another that has does not accuse.
 pub(super) fn beside(grown: &Grown<'_>, other: &AbsoluteLine, context: &Context<'_>) -> String {
+    let is_stronger = other.amplitude > grown.line.amplitude;
     format!(
-        "{}; {} at {} has grown too and is stronger: cause not proven",
+        "{}; {} at {} has grown too and is {}: cause not proven",
         grown.sentence(context),
         other.line.name(),
         context.machine.bearing(other.bearing).id,
+        if is_stronger { "stronger" } else { "less than 3 dB weaker" },
+    )
+}
+
+/// Why a line that has grown at a rate of a bearing without a pair of sensors does not accuse.
+pub(super) fn without_pair(
+    grown: &Grown<'_>,
+    other: BearingIndex,
+    context: &Context<'_>,
+) -> String {
+    format!(
+        "{}; {} may have this rate too, and no pair of sensors listens to it: which is damaged is not told",
+        grown.sentence(context),
+        context.machine.bearing(other).id,
     )
 }
 

@@ -291,6 +291,14 @@ impl BandReading {
             || self.is_modulated_shaft()
     }
 
+    /// Whether side bands at the shaft's speed that are more than half as high are all that explains it (F12): a load that turns with the
+    /// shaft makes as high ones beside a defect of the race at rest.
+    #[must_use]
+    pub fn is_of_turning_load(&self) -> bool {
+        let rest = Self { is_shaft_product: false, ..self.clone() };
+        self.is_shaft_product && !rest.is_explained()
+    }
+
     /// The reading without the higher harmonics that `explained` claims: what is another's adds nothing.
     #[must_use]
     pub fn without_harmonics(&self, explained: impl Fn(Hz) -> bool) -> Self {

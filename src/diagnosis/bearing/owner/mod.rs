@@ -26,8 +26,8 @@ const BEYOND: f64 = 0.005;
 /// be decided.
 ///
 /// A geometry known well goes before one that leaves more open than slip. Then the side bands
-/// decide if those of one kind alone stand: at FTF for rolling elements, at 1× for races. Their
-/// absence proves nothing.
+/// decide if those of one kind alone stand: at FTF for rolling elements, unless the rate is nearer to that of their race at rest, at 1× for
+/// races. Their absence proves nothing.
 pub(super) fn owners<'a>(
     features: &'a WindowFeatures,
     search: &'a LineSearch,
@@ -50,11 +50,23 @@ pub(super) fn owners<'a>(
         of_kind.any(|s| has_side_bands(s, frequency))
     };
     match (stands(true), stands(false)) {
-        (true, false) => possible.retain(|s| is_element(s)),
+        (true, false) => {
+            let elements: Vec<&LineSearch> =
+                possible.iter().copied().filter(|s| is_element(s)).collect();
+            possible
+                .retain(|s| is_element(s) || elements.iter().any(|e| is_carried(s, e, frequency)));
+        }
         (false, true) => possible.retain(|s| !is_element(s)),
         (true, true) | (false, false) => {}
     }
     possible
+}
+
+/// Whether a line found at `frequency` may be that of the race at rest of the bearing whose rolling elements may have it, in spite of side bands at
+/// FTF: elements that differ make these there, too, and it lies nearer to BPFO than to 2·BSF.
+fn is_carried(race: &LineSearch, elements: &LineSearch, frequency: Hz) -> bool {
+    let off = |s: &LineSearch| (frequency.0 / s.expected.0 - 1.0).abs();
+    race.is_at_rest && race.bearing == elements.bearing && off(race) < off(elements)
 }
 
 /// Whether `frequency` lies in the searched range, or no further `beyond` it than this part of the rate.

@@ -172,6 +172,21 @@ fn side_bands_tell_elements_that_coincide_apart() {
 }
 
 #[test]
+fn side_bands_at_the_cages_rate_are_no_sign_of_elements_where_their_race_at_rest_is_nearer() {
+    // Found at 5.0.
+    let fault = |bpfo: f64, two_bsf: f64| {
+        let lines = [
+            ("a", DefectLine::Bpfo, bpfo, NARROW, false),
+            ("a", DefectLine::TwoBsf, two_bsf, NARROW, true),
+        ];
+        let verdicts = judged(&["a"], &lines);
+        (verdicts[0].state.is_accusation(), verdicts[0].fault)
+    };
+    assert_eq!(fault(5.005, 4.95), (true, None));
+    assert_eq!(fault(5.03, 4.99), (true, Some(FaultMode::RollingElement)));
+}
+
+#[test]
 fn an_element_just_out_of_its_range_is_not_excluded() {
     // Found at 5.0: 2·BSF of 5.12 is sought from 5.018 on, of 5.14 from 5.037 on; half of a percent more is 0.026.
     let fault = |two_bsf: f64| {
