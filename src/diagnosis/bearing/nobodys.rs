@@ -1,6 +1,7 @@
 //! Lines as deep as accuses that something else explains, or may: nobody's, and no sign of health either (docs/theory.md, C9, C47).
 
 use super::accept;
+use super::accept::Accepted;
 use super::candidate;
 use super::candidate::Candidate;
 use super::doubt;
@@ -52,6 +53,13 @@ fn is_turned(line: &Candidate<'_>) -> bool {
 /// A line of the race at rest, or of elements, that would accuse but for side bands at the shaft's speed more than half as high: a defect under
 /// a load that turns with the shaft has such, and so have events of the shaft that elements modulate as they pass (F12).
 pub(super) fn of_turning_load(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
+    // What strikes elsewhere, or what nobody owns, may be what elements modulate.
+    let is_own = |a: &Accepted<'_>| {
+        !a.owners.is_empty() && a.owners.iter().all(|s| s.bearing == seen.bearing)
+    };
+    if !seen.accepted.iter().all(is_own) {
+        return None;
+    }
     let looks = accept::n_looks(seen.features, seen.bearing);
     let readable = searches.iter().filter(|s| s.outcome.is_ok() && s.line != DefectLine::Ftf);
     let lines = readable.map(|s| Candidate::weigh_turned(s, seen.accepted, looks));
