@@ -1,6 +1,6 @@
 //! What may stand in the query of each path, as the OpenAPI document has it: all else is refused with what is allowed.
 //!
-//! Ranges are the handlers' own.
+//! Ranges are the handlers' own. Paths outside the API, which probes and collectors ask, take anything.
 
 use super::error::ApiError;
 use axum::extract::{MatchedPath, Query, Request};
@@ -77,9 +77,13 @@ impl Takes {
     }
 }
 
-/// Refuses parameters that an operation does not have, and values that are of another type.
+/// Refuses parameters that an operation of the API does not have, and values that are of another type.
 pub(super) async fn check(path: MatchedPath, request: Request, next: Next) -> Response {
     let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
+    // Probes and collectors add parameters of their own to paths of the service, and are no users to be told.
+    if !path.as_str().starts_with("/api/") {
+        return next.run(request).await;
+    }
     let operation = OPERATIONS.get(&(path.as_str().to_owned(), method.as_str().to_owned()));
     let said = Query::<Vec<(String, String)>>::try_from_uri(request.uri());
     // What cannot be read at all, and methods that there are not, are told by what comes behind.

@@ -27,12 +27,18 @@ async fn unknown_parameters_and_values_of_another_type_are_refused_everywhere() 
         if methods.get.is_none() {
             continue;
         }
+        if !path.starts_with("/api/") {
+            // Probes add parameters of their own.
+            let asked = service.get(&format!("{path}?verbose=1")).await.status;
+            assert_eq!(asked, service.get(path).await.status, "{path}");
+            continue;
+        }
         let path = path.replace("{id}", "rig-1").replace("{name}", "right_x");
         let detail = service.get(&format!("{path}?foo=1")).await.problem(400);
         assert!(detail.starts_with("unknown parameter \"foo\""), "{path}: {detail}");
         seen += 1;
     }
-    assert!(seen > 30, "{seen}");
+    assert!(seen > 27, "{seen}");
     for (query, allowed) in [
         ("alarms?limit=x", "limit is \"x\", allowed are 1 to 1000"),
         ("alarms?limit=-1", "limit is \"-1\", allowed are 1 to 1000"),

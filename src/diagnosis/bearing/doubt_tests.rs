@@ -115,12 +115,15 @@ pub(in crate::diagnosis::bearing) fn absolute_line(
 }
 
 /// Verdicts on bearings a and b by these lines; every line of the absolute vibration had the amplitude 1 when healthy.
-fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<ComponentDiagnosis> {
+pub(in crate::diagnosis::bearing) fn judged(
+    lines: Vec<LineSearch>,
+    absolute_lines: Vec<AbsoluteLine>,
+) -> Vec<ComponentDiagnosis> {
     judged_on(1.0, lines, absolute_lines)
 }
 
 /// The same on a shaft that moves this many times as far as when healthy.
-fn judged_on(
+pub(in crate::diagnosis::bearing) fn judged_on(
     moved: f64,
     lines: Vec<LineSearch>,
     absolute_lines: Vec<AbsoluteLine>,

@@ -2,28 +2,15 @@
 
 use super::tests::absolute_line;
 use super::tests::changed;
-use super::tests::judged_with;
+use super::tests::judged;
+use super::tests::judged_on;
 use super::tests::search;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
-use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
-use crate::features::bearing::LineSearch;
 use crate::units::Hz;
-
-fn judged(lines: Vec<LineSearch>, absolute_lines: Vec<AbsoluteLine>) -> Vec<ComponentDiagnosis> {
-    judged_on(1.0, lines, absolute_lines)
-}
-
-fn judged_on(
-    moved: f64,
-    lines: Vec<LineSearch>,
-    absolute_lines: Vec<AbsoluteLine>,
-) -> Vec<ComponentDiagnosis> {
-    judged_with(moved, lines, absolute_lines, Vec::new())
-}
 
 /// A line of the absolute vibration of BPFI at this frequency, so many times as high as when healthy.
 fn bpfi_at(bearing: usize, at_hz: f64, ratio: f64) -> AbsoluteLine {
