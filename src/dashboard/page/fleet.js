@@ -29,7 +29,10 @@ function inOrder(machines) {
 export function dataNote(machine) {
   const age = machine.last_sample_time ? (Date.now() - new Date(machine.last_sample_time).getTime()) / 1000 : null;
   if (machine.source === "failed") return { state: "damaged", text: `no data: ${machine.reason ?? "source failed"}` };
-  if (machine.reason) return { state: "damaged", text: machine.time_unknown ? machine.reason : `no data since ${time(machine.last_sample_time)}` };
+  if (machine.reason) {
+    const text = machine.time_unknown || age === null ? machine.reason : `no data since ${time(machine.last_sample_time)}`;
+    return { state: "damaged", text };
+  }
   if (machine.source === "starting" || age === null) return { state: "undetermined", text: "no data yet" };
   if (machine.data_quality === "bad") return { state: "damaged", text: "data bad" };
   if (machine.data_quality === "degraded") return { state: "warning", text: "data degraded" };
