@@ -93,7 +93,10 @@ fn run(command: &str, url: &str, folder: &Path) -> Output {
     let seconds = if is_endless(command) { 2 } else { 60 };
     let settings = format!("fail-with-body\nshow-error\nmax-time = {seconds}\n");
     fs::write(folder.join(".curlrc"), settings).unwrap();
-    let command = command.replace("http://127.0.0.1:8080", url);
+    // The README's own daemon listens beside the demonstration's port.
+    let command = ["http://127.0.0.1:8080", "http://127.0.0.1:8081"]
+        .iter()
+        .fold(command.to_owned(), |command, printed| command.replace(printed, url));
     let mut shell = Command::new("sh");
     shell.args(["-c", &command]).current_dir(folder);
     shell.env("CURL_HOME", folder).env("TOKEN", "none").output().unwrap()
