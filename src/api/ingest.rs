@@ -7,10 +7,12 @@ use super::entry::peer;
 use super::error::ApiError;
 use super::extract::State;
 use super::guard::is_own_page;
-use super::handles::IngestPipe;
+use super::handles::{IngestPipe, NotUnderstood};
 use super::state::ApiState;
 use super::wire::ingest::{Language, Translator};
 use super::wire::problem::ProblemWire;
+use crate::ingest::live::Refusal;
+use crate::wire::ErrorCode;
 use axum::extract::Request;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade, close_code};
 use axum::response::Response;
@@ -70,25 +72,24 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
     let mut to_daemon = Some(to_daemon);
     loop {
         tokio::select! {
-            come = socket.recv() => {
-                let (language, bytes) = match come {
-                    Some(Ok(Message::Binary(bytes))) => {
-                        let is_cbor = is_first && Language::is_cbor(&bytes);
-                        (is_cbor.then_some(Language::Cbor), Vec::from(bytes))
+            // Behind what was refused nothing is read.
+            come = socket.recv(), if to_daemon.is_some() => {
+                // What is not understood goes the way of all else: it is told behind what was said before.
+                let mut waiting = match heard(come, is_first) {
+                    Heard::Said(language, bytes) => {
+                        if let (None, Some(language)) = (&translator, language) {
+                            translator = Some(Translator::new(language));
+                        }
+                        match &mut translator {
+                            None => Ok(bytes),
+                            Some(translator) => translator.frame(&bytes),
+                        }
                     }
-                    Some(Ok(Message::Text(text))) => (Some(Language::Json), text.as_bytes().to_vec()),
-                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => continue,
-                    Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                    Heard::TooLong(refused) => Err(refused),
+                    Heard::Nothing => continue,
+                    Heard::Gone => return,
                 };
                 is_first = false;
-                if let (None, Some(language)) = (&translator, language) {
-                    translator = Some(Translator::new(language));
-                }
-                // What is not understood goes the way of all else: it is told behind what was said before.
-                let mut waiting = match &mut translator {
-                    None => Ok(bytes),
-                    Some(translator) => translator.frame(&bytes),
-                };
                 let is_last = waiting.is_err();
                 while let Some(sender) = &to_daemon {
                     match sender.try_send(waiting) {
@@ -123,6 +124,43 @@ async fn converse(mut socket: WebSocket, pipe: IngestPipe) {
     }
     let frame = CloseFrame { code: close_code::NORMAL, reason: "".into() };
     let _gone = socket.send(Message::Close(Some(frame))).await;
+}
+
+/// What comes over a socket.
+enum Heard {
+    /// A message; in which language, if it tells.
+    Said(Option<Language>, Vec<u8>),
+    /// One that is too long to be read.
+    TooLong(NotUnderstood),
+    /// Nothing that matters here.
+    Nothing,
+    /// The other side is gone.
+    Gone,
+}
+
+fn heard(come: Option<Result<Message, axum::Error>>, is_first: bool) -> Heard {
+    match come {
+        Some(Ok(Message::Binary(bytes))) => {
+            let is_cbor = is_first && Language::is_cbor(&bytes);
+            Heard::Said(is_cbor.then_some(Language::Cbor), Vec::from(bytes))
+        }
+        Some(Ok(Message::Text(text))) => {
+            Heard::Said(Some(Language::Json), text.as_bytes().to_vec())
+        }
+        Some(Ok(Message::Ping(_) | Message::Pong(_))) => Heard::Nothing,
+        Some(Err(error)) if is_too_long(&error) => {
+            let text =
+                format!("a message is longer than {MAX_MESSAGE_BYTES} bytes; send shorter blocks");
+            let refusal = Refusal::new(ErrorCode::TooLarge, text);
+            Heard::TooLong(NotUnderstood { refusal, n_samples: 0 })
+        }
+        Some(Ok(Message::Close(_)) | Err(_)) | None => Heard::Gone,
+    }
+}
+
+fn is_too_long(error: &axum::Error) -> bool {
+    let cause = std::error::Error::source(error).and_then(|cause| cause.downcast_ref());
+    matches!(cause, Some(tungstenite::Error::Capacity(_)))
 }
 
 /// Tells the sender what the daemon says; `None`: it is gone.

@@ -14,6 +14,7 @@ mod files;
 pub mod entry;
 mod conditional;
 mod guard;
+mod waiting;
 mod described;
 mod exposition;
 mod machines;
@@ -203,6 +204,7 @@ pub fn router(state: ApiState, pages: Router) -> Router {
         ))
         .option_layer(guard::cors(&state.settings))
         .layer(from_fn(guard::problems))
+        .layer(from_fn_with_state(Arc::clone(&state), waiting::waiting))
         .layer(from_fn_with_state(Arc::clone(&state), guard::origin))
         .layer(from_fn_with_state(state, guard::host))
         .layer(CatchPanicLayer::custom(guard::panicked))

@@ -7,6 +7,7 @@ use super::handles::{
 };
 use super::recent::Recent;
 use super::view::{ConfigurationView, MachineView, ShardRequest};
+use super::waiting;
 use crate::access::{Door, Token};
 use crate::signal::{ChannelInfo, Timestamp};
 use crate::store::{Archive, StoreError};
@@ -111,6 +112,8 @@ pub struct ApiState {
     pub(super) computations: Arc<Semaphore>,
     /// One permit a request.
     pub(super) requests: Arc<Semaphore>,
+    /// One permit a KiB of the answers that wait for their readers.
+    pub(super) waiting: Arc<Semaphore>,
     /// Spectra that were just computed.
     pub(super) recent: Recent,
     /// One permit for a capture that is judged again.
@@ -142,6 +145,7 @@ impl ApiState {
             computations: Arc::new(Semaphore::new(settings.max_computations)),
             requests: Arc::new(Semaphore::new(settings.max_requests)),
             streams: Arc::new(Semaphore::new(settings.max_streams)),
+            waiting: Arc::new(Semaphore::new(waiting::MAX_WAITING_KIB)),
             rejudging: Arc::new(Semaphore::new(1)),
             recent: Recent::default(),
             door: Arc::new(Door::open()),

@@ -23,6 +23,7 @@ use crate::units::{Hz, Unit};
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::http::{HeaderMap, Request, StatusCode, header};
+use axum::response::Response;
 use serde_json::Value;
 use std::f64::consts::TAU;
 use std::path::PathBuf;
@@ -171,6 +172,9 @@ pub(crate) enum Behaviour {
     Full,
 }
 
+/// Length of the page `/large`, bytes: two find room among the answers that wait, a third does not.
+pub(crate) const LARGE: usize = 30 << 20;
+
 /// A service over one machine with known signals, to which tests send requests.
 pub(crate) struct Service {
     router: Router,
@@ -308,6 +312,7 @@ impl Service {
         let pages = Router::new()
             .route("/", axum::routing::get(async || "a page"))
             .route("/panics", axum::routing::get(panics))
+            .route("/large", axum::routing::get(async || "x".repeat(LARGE)))
             .route("/hangs", axum::routing::get(std::future::pending::<String>));
         Self { router: router(state.clone(), pages), view, state }
     }
@@ -331,16 +336,24 @@ impl Service {
     /// Sends a request.
     pub(crate) async fn send_body(
         &self,
-        mut request: axum::http::request::Builder,
+        request: axum::http::request::Builder,
         body: Body,
     ) -> Answer {
+        let (parts, body) = self.begin(request, body).await.into_parts();
+        let body = to_bytes(body, usize::MAX).await.unwrap();
+        Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// Sends a request and reads nothing of the answer's body.
+    pub(crate) async fn begin(
+        &self,
+        mut request: axum::http::request::Builder,
+        body: Body,
+    ) -> Response {
         if !request.headers_ref().unwrap().contains_key(header::HOST) {
             request = request.header(header::HOST, HOST);
         }
-        let response = self.router.clone().oneshot(request.body(body).unwrap()).await.unwrap();
-        let (parts, body) = response.into_parts();
-        let body = to_bytes(body, usize::MAX).await.unwrap();
-        Answer { status: parts.status, headers: parts.headers, body }
+        self.router.clone().oneshot(request.body(body).unwrap()).await.unwrap()
     }
 }
 

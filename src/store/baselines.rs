@@ -20,6 +20,7 @@ use crate::signal::Timestamp;
 use crate::units::Hz;
 use rusqlite::Connection;
 use rusqlite::Transaction;
+use rusqlite::TransactionBehavior;
 use rusqlite::params;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -249,7 +250,8 @@ impl BaselineStore for SqliteBaselines {
     fn baselines(&self, machine: &str) -> Result<Vec<Held>, StoreError> {
         let mut connection = self.connection();
         // One snapshot, whatever another process commits meanwhile.
-        let snapshot = connection.transaction().and_then(|transaction| read(&transaction, machine));
+        let begun = connection.transaction_with_behavior(TransactionBehavior::Deferred);
+        let snapshot = begun.and_then(|transaction| read(&transaction, machine));
         snapshot.map_err(|source| failed("reading the baselines", source))
     }
 

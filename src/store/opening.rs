@@ -7,6 +7,7 @@ use super::schema;
 use rusqlite::Connection;
 use rusqlite::ErrorCode;
 use rusqlite::OpenFlags;
+use rusqlite::TransactionBehavior;
 use std::fs;
 use std::fs::File;
 use std::fs::TryLockError;
@@ -21,6 +22,10 @@ pub(super) const LOCK: &str = "state.lock";
 
 /// How long a connection waits for the other.
 pub(super) const BUSY: Duration = Duration::from_secs(5);
+
+/// Transactions wait for the other connection when they begin: one that read first and then writes cannot, for what it has read may
+/// be old by then, and it fails at once whatever [`BUSY`] says.
+const WRITING: TransactionBehavior = TransactionBehavior::Immediate;
 
 /// Takes the lock of the store in `directory`, and makes the folder where it is missing.
 pub(super) fn lock(directory: &Path) -> Result<File, StoreError> {
@@ -50,8 +55,9 @@ pub(super) fn alone(directory: &Path) -> Result<(Connection, File), StoreError> 
 pub(super) fn beside(file: &Path) -> Result<Connection, StoreError> {
     let opening = |source| failed("opening the store", source);
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let connection = Connection::open_with_flags(file, flags).map_err(opening)?;
+    let mut connection = Connection::open_with_flags(file, flags).map_err(opening)?;
     connection.busy_timeout(BUSY).map_err(opening)?;
+    connection.set_transaction_behavior(WRITING);
     connection.pragma_update(None, "synchronous", "FULL").map_err(opening)?;
     let found: u32 =
         connection.query_row("PRAGMA user_version", (), |row| row.get(0)).map_err(opening)?;
@@ -66,6 +72,7 @@ fn writing(file: &Path) -> Result<Connection, StoreError> {
     let opening = |source| failed("opening the store", source);
     let mut connection = Connection::open(file).map_err(opening)?;
     connection.busy_timeout(BUSY).map_err(opening)?;
+    connection.set_transaction_behavior(WRITING);
     check(&connection, file)?;
     let mode: String = connection
         .pragma_update_and_check(None, "journal_mode", "WAL", |row| row.get(0))
@@ -120,4 +127,33 @@ pub(super) fn with_place(error: StoreError, file: &Path) -> StoreError {
 
 pub(super) fn failed(doing: &'static str, source: rusqlite::Error) -> StoreError {
     StoreError::Database { doing, source: Box::new(source) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread;
+
+    #[test]
+    fn who_reads_and_then_writes_waits_for_the_other_and_is_not_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let (daemon, _lock) = alone(dir.path()).unwrap();
+        daemon.execute_batch("CREATE TABLE noted (by TEXT NOT NULL)").unwrap();
+        let mut command = beside(&dir.path().join(FILE)).unwrap();
+        let transaction = command.transaction().unwrap();
+        let n: u32 =
+            transaction.query_row("SELECT count(*) FROM noted", (), |row| row.get(0)).unwrap();
+        assert_eq!(n, 0);
+        let noting = thread::spawn(move || {
+            daemon.execute("INSERT INTO noted VALUES ('daemon')", ()).unwrap();
+            daemon
+        });
+        // Long enough for the daemon to get in between, were it let in.
+        thread::sleep(Duration::from_millis(200));
+        transaction.execute("INSERT INTO noted VALUES ('command')", ()).unwrap();
+        transaction.commit().unwrap();
+        let daemon = noting.join().unwrap();
+        let n: u32 = daemon.query_row("SELECT count(*) FROM noted", (), |row| row.get(0)).unwrap();
+        assert_eq!(n, 2);
+    }
 }

@@ -420,6 +420,13 @@ fn assert_cut_off_is_counted(daemon: &Daemon, url: &str) {
         let line = format!("rotorwatch_ingest_{what}_total{{reason=\"unexpected\"}} {n}\n");
         assert!(metrics.contains(&line), "{line}: {metrics}");
     }
+    // A message that is too long is not read; who sends it may be cut off before it is sent.
+    let (mut socket, _) = tungstenite::connect(url).unwrap();
+    let _cut_off = socket.send(tungstenite::Message::text("x".repeat(3 << 20)));
+    wait_until("the count of a message that is too long", || {
+        let name = "rotorwatch_ingest_refused_total{reason=\"too-large\"}";
+        (daemon.metric(name) == Some(1.0)).then_some(())
+    });
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! What stands around every route.
 
-use crate::api::support::{Behaviour, Service};
-use axum::http::Request;
+use crate::api::support::{Behaviour, LARGE, Service};
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
 use std::io::Read;
 use std::sync::Arc;
 use std::time::Duration;
@@ -162,4 +163,25 @@ async fn what_a_client_holds_is_not_sent_again() {
     let missing =
         service.send(Request::get("/api/v1/machines/rig-9/health").header("if-none-match", "*"));
     missing.await.problem(404);
+}
+
+#[tokio::test]
+async fn answers_that_nobody_reads_hold_no_more_than_they_may() {
+    let service = Service::new();
+    let asked = || service.begin(Request::get("/large"), Body::empty());
+    let first = asked().await;
+    let second = asked().await;
+    assert_eq!((first.status(), second.status()), (StatusCode::OK, StatusCode::OK));
+    let refused = service.get("/large").await;
+    assert!(refused.problem(503).contains("wait for their readers"));
+    assert_eq!(refused.header("retry-after"), "1");
+    assert_eq!(service.get("/api/v1/machines").await.status, 200, "small ones are free");
+    // What has been given up, or read, makes room again.
+    drop(first);
+    for _ in 0..3 {
+        let answer = service.get("/large").await;
+        assert_eq!((answer.status.as_u16(), answer.body.len()), (200, LARGE));
+        assert_eq!(answer.header("content-length"), LARGE.to_string());
+    }
+    drop(second);
 }
