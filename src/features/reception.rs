@@ -6,12 +6,10 @@ use super::shaft;
 use super::trace::Trace;
 use crate::dsp::real::floor_index;
 use crate::machine::Machine;
+use crate::machine::motor::MAINS_HZ;
 use crate::machine::sensor::SensorKind;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
-
-/// Supply frequencies of the world.
-const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 
 /// Odd harmonics that all must stand out: hum is rich in them, and three by chance are rare.
 const HUM: [f64; 3] = [1.0, 3.0, 5.0];

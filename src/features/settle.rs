@@ -87,18 +87,18 @@ impl Told<'_> {
             peaks.extend(found);
         }
         let imitators = shaft_lines::imitators(self.machine);
-        let excluded = targets::mains_lines(self.machine, Hz(nominal.0 * 6.0));
-        let by_one =
-            |sensors: &[_]| shaft_lines::find_first(sensors, nominal, duration_s, &excluded);
-        let sure = shaft_lines::find_comb(&peaks, nominal, duration_s, &imitators, &excluded)
-            .or_else(|| by_one(&probes));
+        let mains = targets::mains(self.machine, Hz(nominal.0 * 6.0));
+        // A probe looks at the shaft: what it receives of a cable is less.
+        let sure = shaft_lines::find_comb(&peaks, nominal, duration_s, &imitators, &mains)
+            .or_else(|| shaft_lines::find_first(&probes, nominal, duration_s, &mains.stated()));
         if sure.is_some() {
             return (sure, true);
         }
         // A name plate tells the speed at full load; who wrote another down has looked.
         let is_alone = source == SpeedSource::Machine && !self.has_another_near();
         let may_tell = is_alone && !shaft_lines::is_imitated(1.0, &imitators);
-        (by_one(&others).filter(|_| may_tell), false)
+        let by_one = shaft_lines::find_first(&others, nominal, duration_s, &mains);
+        (by_one.filter(|_| may_tell), false)
     }
 
     /// Whether another shaft turns nearly as fast as the first.

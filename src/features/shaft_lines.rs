@@ -11,6 +11,7 @@ use super::speed::REFINE_RANGE;
 use crate::dsp::real::floor_index;
 use crate::dsp::stats;
 use crate::machine::Machine;
+use crate::machine::motor::MAINS_WANDER;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
 
@@ -84,17 +85,45 @@ pub struct Comb {
     pub harmonics: u32,
 }
 
+/// Multiples of the mains, which are no shaft's.
+#[derive(Debug, Clone, Default)]
+pub struct Mains {
+    /// Those of the motors that state theirs.
+    pub stated: Vec<Hz>,
+    /// Those that may be there, where none does.
+    pub possible: Vec<Hz>,
+}
+
+impl Mains {
+    /// Those that are stated alone.
+    pub(super) fn stated(&self) -> Self {
+        Self { stated: self.stated.clone(), possible: Vec::new() }
+    }
+
+    fn is_stated(&self, peak: &Peak, duration_s: f64) -> bool {
+        let near = |line: &Hz| (peak.frequency.0 - line.0).abs() < 2.0 / duration_s;
+        self.stated.iter().any(near)
+    }
+
+    fn is_possible(&self, peak: &Peak, duration_s: f64) -> bool {
+        let near = |line: &Hz| {
+            (peak.frequency.0 - line.0).abs() < 1.0 / duration_s + MAINS_WANDER * line.0
+        };
+        self.possible.iter().any(near)
+    }
+}
+
 /// Looks for a comb of harmonics 1…5 of a speed within ± 3 % of `nominal` (F2, F3).
 ///
 /// `peaks` come from all channels of a window of `duration_s`; `imitators` are orders of lines that
-/// are no shaft harmonics; `excluded` are fixed lines such as the mains.
+/// are no shaft harmonics.
 #[must_use]
 pub fn find_comb(
     peaks: &[Peak],
     nominal: Hz,
     duration_s: f64,
     imitators: &[f64],
-    excluded: &[Hz],
+    mains: &Mains,
 ) -> Option<Comb> {
     let tolerance_hz = 0.5 / duration_s;
     let usable: Vec<u32> = (1..=COMB)
@@ -105,7 +134,7 @@ pub fn find_comb(
         .collect();
     let offered: Vec<(u32, Peak)> = peaks
         .iter()
-        .filter(|p| !excluded.iter().any(|e| (p.frequency.0 - e.0).abs() < 2.0 / duration_s))
+        .filter(|p| !mains.is_stated(p, duration_s))
         .flat_map(|p| usable.iter().map(move |j| (*j, *p)))
         .filter(|(j, p)| {
             let speed = p.frequency.0 / f64::from(*j);
@@ -116,6 +145,13 @@ pub fn find_comb(
     for (j0, p0) in &offered {
         let guess = p0.frequency.0 / f64::from(*j0);
         let Some((comb, weight)) = fit(&offered, guess, tolerance_hz) else { continue };
+        let is_own = |(j, p): &(u32, Peak)| {
+            (p.frequency.0 - guess * f64::from(*j)).abs() <= tolerance_hz
+                && !mains.is_possible(p, duration_s)
+        };
+        if !offered.iter().any(is_own) {
+            continue;
+        }
         let closer = |b: &(Comb, f64)| (comb.harmonics, weight) > (b.0.harmonics, b.1);
         if best.as_ref().is_none_or(closer) {
             best = Some((comb, weight));
@@ -138,11 +174,12 @@ pub fn find_first(
     sensors: &[Vec<Peak>],
     nominal: Hz,
     duration_s: f64,
-    excluded: &[Hz],
+    mains: &Mains,
 ) -> Option<Comb> {
     let tolerance_hz = 0.5 / duration_s;
     let is_free = |p: &Peak| {
-        !excluded.iter().any(|e| (p.frequency.0 - e.0).abs() < 2.0 / duration_s)
+        !mains.is_stated(p, duration_s)
+            && !mains.is_possible(p, duration_s)
             && (p.frequency.0 / nominal.0 - 1.0).abs() <= REFINE_RANGE
     };
     let (mut numerator, mut denominator) = (0.0, 0.0);
@@ -230,6 +267,10 @@ mod tests {
     use crate::features::speed::SpeedSource;
     use crate::features::speed::settle;
 
+    fn stated(hz: f64) -> Mains {
+        Mains { stated: vec![Hz(hz)], possible: Vec::new() }
+    }
+
     fn spectrum_of(fs: f64, n: usize, tones: &[(f64, f64)]) -> Vec<Complex<f32>> {
         let mut state = 99_u64;
         let x: Vec<f32> = (0..n)
@@ -253,7 +294,7 @@ mod tests {
         let tones = [(29.76, 0.1), (59.52, 0.08), (89.28, 0.05)];
         let x_hat = spectrum_of(5000.0, 25_000, &tones);
         let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(160.0), Hz(15.0));
-        let comb = find_comb(&found, Hz(30.0), 5.0, &[], &[]).unwrap();
+        let comb = find_comb(&found, Hz(30.0), 5.0, &[], &Mains::default()).unwrap();
         // Two-bin interpolation in 20 dB noise: a few thousandths of the 0.2 Hz bin.
         assert!((comb.speed.0 - 29.76).abs() < 2e-3, "{comb:?}");
         assert_eq!(
@@ -266,7 +307,7 @@ mod tests {
     fn one_line_tells_the_speed_and_two_that_differ_tell_none() {
         let peak = |hz: f64, power_ratio: f64| Peak { frequency: Hz(hz), power_ratio };
         let find = |probes: &[Vec<Peak>]| {
-            find_first(probes, Hz(9.8), 10.0, &[Hz(9.6)]).map(|comb| comb.speed.0)
+            find_first(probes, Hz(9.8), 10.0, &stated(9.6)).map(|comb| comb.speed.0)
         };
         let (x, y) = (vec![peak(10.0, 1e5), peak(42.0, 1e6)], vec![peak(10.01, 1e5)]);
         let found = find(&[x.clone(), y.clone()]).unwrap();
@@ -278,7 +319,7 @@ mod tests {
         assert_eq!(find(&[vec![peak(10.2, 1e5)]]), None, "beyond 3 %");
         assert_eq!(find(&[vec![peak(9.85, 1e5)]]), Some(9.85));
         assert_eq!(find(&[vec![peak(9.61, 1e5)]]), None, "the mains");
-        let line = find_first(&[x, y], Hz(9.8), 10.0, &[]);
+        let line = find_first(&[x, y], Hz(9.8), 10.0, &Mains::default());
         let by_probes = settle(Hz(9.8), SpeedSource::Capture, line, true);
         assert_eq!((by_probes.source, by_probes.confidence), (Some(SpeedSource::Estimated), 0.9));
         assert!(!by_probes.is_unconfirmed());
@@ -294,13 +335,29 @@ mod tests {
         let x_hat = spectrum_of(5000.0, 25_000, &tones);
         let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(200.0), Hz(15.0));
         assert!(found.len() >= 2);
-        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[3.053, 6.106], &[Hz(60.0)]), None);
+        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[3.053, 6.106], &stated(60.0)), None);
+    }
+
+    #[test]
+    fn what_may_be_the_mains_alone_tells_no_speed() {
+        let mains = Mains { stated: Vec::new(), possible: vec![Hz(50.0), Hz(100.0)] };
+        let peak = |hz: f64| Peak { frequency: Hz(hz), power_ratio: 1e4 };
+        let comb = |hz: &[f64]| {
+            let peaks: Vec<Peak> = hz.iter().map(|hz| peak(*hz)).collect();
+            find_comb(&peaks, Hz(24.6), 5.0, &[], &mains).map(|comb| comb.speed.0)
+        };
+        assert_eq!(comb(&[50.0, 100.05]), None, "2× and 4× of a shaft at 25 Hz");
+        assert!(comb(&[25.0, 50.0, 100.0]).is_some_and(|hz| (hz - 25.0).abs() < 0.01));
+        assert!(comb(&[49.2, 98.4, 50.0, 100.0]).is_some_and(|hz| (hz - 24.6).abs() < 0.01));
+        let first = |mains: &Mains| find_first(&[vec![peak(50.0)]], Hz(49.2), 5.0, mains);
+        assert_eq!(first(&mains), None, "an accelerometer may receive it");
+        assert!(first(&mains.stated()).is_some(), "a probe looks at the shaft");
     }
 
     #[test]
     fn noise_alone_gives_no_comb() {
         let x_hat = spectrum_of(5000.0, 25_000, &[]);
         let found = peaks(&x_hat, 25_000, Hz(5000.0), Hz(160.0), Hz(15.0));
-        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[], &[]), None);
+        assert_eq!(find_comb(&found, Hz(30.0), 5.0, &[], &Mains::default()), None);
     }
 }

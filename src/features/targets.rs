@@ -8,9 +8,11 @@ use super::bearing::KnownLine;
 use super::bearing::LineTask;
 use super::bearing::Unreadable;
 use super::reach;
+use super::shaft_lines::Mains;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
 use crate::machine::bearing::FaultRates;
+use crate::machine::motor::MAINS_HZ;
 use crate::machine::sensor::Location;
 use crate::machine::sensor::Sensor;
 use crate::machine::sensor::SensorKind;
@@ -207,6 +209,15 @@ fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
 /// Mains harmonics of the machine's motors below `top`.
 pub(super) fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
     supplies(machine).flat_map(|supply| harmonics_below(supply, top)).collect()
+}
+
+/// Multiples of the mains below `top`: those of the machine's motors, and where none states its own those that may be.
+pub(super) fn mains(machine: &Machine, top: Hz) -> Mains {
+    let stated = mains_lines(machine, top);
+    let is_told = supplies(machine).next().is_some();
+    let possible = MAINS_HZ.iter().filter(|_| !is_told);
+    let possible = possible.flat_map(|hz| harmonics_below(Hz(*hz), top)).collect();
+    Mains { stated, possible }
 }
 
 /// Frequencies of the mains that feed the machine's motors.

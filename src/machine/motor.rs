@@ -5,6 +5,12 @@
 use super::ShaftIndex;
 use crate::units::Hz;
 
+/// Supply frequencies of the world, Hz.
+pub const MAINS_HZ: [f64; 2] = [50.0, 60.0];
+
+/// How far the mains of a large grid leave their nominal frequency, relative.
+pub const MAINS_WANDER: f64 = 2e-3;
+
 /// An electric motor on a shaft.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motor {

@@ -7,6 +7,7 @@ use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
 use super::looked;
+use super::mains;
 use super::nobodys;
 use super::owner;
 use super::place;
@@ -59,6 +60,8 @@ pub(super) enum Doubt {
     Contested,
     /// Nothing confirms a name plate's speed, and at a speed near by it is a multiple of the shaft's.
     NearMultiple,
+    /// It stands at a multiple of a mains frequency, and no motor states its own (C48).
+    OfMains,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
@@ -141,6 +144,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::Contested)
     } else if is_near_multiple(line, seen) {
         Says::Doubt(Doubt::NearMultiple)
+    } else if mains::of_mains(line, seen).is_some() {
+        Says::Doubt(Doubt::OfMains)
     } else if line.is_overheard(seen.accepted) {
         Says::Doubt(Doubt::Overheard)
     } else if is_smooth(line, seen) {
@@ -176,6 +181,7 @@ pub(super) fn why_open(
         | Doubt::SideLine
         | Doubt::Contested
         | Doubt::NearMultiple
+        | Doubt::OfMains
         | Doubt::Overheard
         | Doubt::Smooth
         | Doubt::OfTone
@@ -191,6 +197,7 @@ pub(super) fn why_open(
         Doubt::SideLine => said::side_line(line, seen.context),
         Doubt::Contested => said::contested(line, &contenders(line, seen), seen.context),
         Doubt::NearMultiple => said::near_multiple(line, seen.context),
+        Doubt::OfMains => said::of_mains(line, mains::of_mains(line, seen), seen.context),
         Doubt::Overheard => said::overheard(line, seen.context),
         Doubt::Smooth => said::smooth(line, seen.context),
         Doubt::OfTone => said::of_tone(line, seen),

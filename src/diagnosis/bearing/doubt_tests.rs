@@ -155,10 +155,20 @@ pub(in crate::diagnosis::bearing) fn judged_at(
 pub(in crate::diagnosis::bearing) fn told_at(
     speed: Speed,
     moved: f64,
+    lines: (Vec<LineSearch>, Vec<Elsewhere>),
+    others: (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
+) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
+    told_of(MACHINE, (speed, moved), lines, others)
+}
+
+/// The same of another machine file.
+fn told_of(
+    machine: &str,
+    (speed, moved): (Speed, f64),
     (lines, elsewhere): (Vec<LineSearch>, Vec<Elsewhere>),
     (absolute_lines, combs, impulses): (Vec<AbsoluteLine>, Vec<Comb>, Vec<Impulses>),
 ) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
-    let machine = file::parse(MACHINE, "m.toml").unwrap();
+    let machine = file::parse(machine, "m.toml").unwrap();
     let mut bearing_lines = lines;
     for bearing in 0..2 {
         for line in [DefectLine::Bpfi, DefectLine::Bpfo] {
@@ -437,4 +447,32 @@ fn a_line_accuses_by_another_channel_of_its_bearing_where_the_loudest_leaves_it_
     assert_eq!(told[0].fault, Some(FaultMode::InnerRace), "{}", told[0].why);
     assert!(told[0].why.contains("envelope of p") && told[0].other_faults.is_empty());
     assert_eq!(told[1].state, State::Healthy, "{}", told[1].why);
+}
+
+#[test]
+fn a_line_at_a_multiple_of_the_mains_accuses_nobody_unless_a_motor_states_its_own() {
+    let mains = |motor: &str, frequency_hz: f64, has_side_band: bool| {
+        let line = changed(search(0, DefectLine::Bpfi, 0.8), |band| {
+            band.frequency = Hz(frequency_hz);
+            band.side_band = band.harmonics[0].filter(|_| has_side_band);
+        });
+        let line = LineSearch { expected: Hz(frequency_hz), ..line };
+        let others = (Vec::new(), Vec::new(), Vec::new());
+        let machine = format!("{MACHINE}{motor}");
+        told_of(&machine, (Speed::unknown(), 1.0), (vec![line], Vec::new()), others).0.remove(0)
+    };
+    for hum_hz in [100.2, 119.9, 200.3, 299.7, 360.0] {
+        let open = mains("", hum_hz, false);
+        assert_eq!(open.state, State::Undetermined, "{hum_hz} Hz: {}", open.why);
+        assert!(open.why.contains("a mains frequency of "), "{}", open.why);
+    }
+    // Between its multiples, with side bands at the shaft's speed, and where the supply is another.
+    let motor =
+        |line_hz: f64| format!("[[motor]]\nshaft='s'\npoles=4\nline_frequency_hz={line_hz:?}\n");
+    for (motor, frequency_hz, has_side_band) in
+        [("", 150.0, false), ("", 119.0, false), ("", 120.0, true), (&motor(50.0), 120.0, false)]
+    {
+        let accused = mains(motor, frequency_hz, has_side_band);
+        assert_eq!(accused.fault, Some(FaultMode::InnerRace), "{motor}: {}", accused.why);
+    }
 }

@@ -140,6 +140,7 @@ fn is_told_by_growth(doubt: Doubt) -> bool {
         | Doubt::SideLine
         | Doubt::Contested
         | Doubt::NearMultiple
+        | Doubt::OfMains
         | Doubt::Overheard
         | Doubt::NotGrown => false,
     }

@@ -12,6 +12,7 @@ mod doubt;
 mod evidence;
 mod grown;
 mod looked;
+mod mains;
 mod nobodys;
 mod owner;
 mod place;

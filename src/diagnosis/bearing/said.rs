@@ -162,6 +162,21 @@ pub(super) fn near_multiple(line: &Candidate<'_>, context: &Context<'_>) -> Stri
     )
 }
 
+/// Why a line at a multiple of a mains frequency does not accuse.
+pub(super) fn of_mains(
+    line: &Candidate<'_>,
+    mains: Option<(Hz, f64)>,
+    context: &Context<'_>,
+) -> String {
+    let (mains, multiple) = mains.unwrap_or((Hz(0.0), 0.0));
+    format!(
+        "{}; it stands at {multiple:.0}× a mains frequency of {:.0} Hz, and the machine file states no line_frequency_hz: motors and converters \
+         hum at that rate, not accused; state it, of an inverter its output's",
+        sentence(line, context),
+        mains.0
+    )
+}
+
 /// Why a cage's line beside that of its elements does not accuse.
 pub(super) fn of_elements(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
