@@ -12,6 +12,7 @@ use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::rate::FalseAlarms;
+use crate::diagnosis::summary;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
@@ -274,9 +275,18 @@ fn run(
         .map_err(|source| OfflineError::Monitor { file: file.to_owned(), source })?;
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut first_s = None;
+    let is_heard: Vec<bool> = {
+        let sensors = &monitor.machine().sensors;
+        let is_named = |c: &ChannelInfo| sensors.iter().any(|s| s.channel == c.name);
+        monitor.channels().iter().map(is_named).collect()
+    };
+    let mut heard = 0;
     let mut keep = |outcome: Outcome| outcomes.push(outcome);
     while let Some(block) = reader.next_block()? {
         monitor.step(&block, &mut keep);
+        if is_heard[block.channel.0] {
+            heard += block.samples.len() as u64;
+        }
         let start_s = *first_s.get_or_insert(block.time_s);
         progress(((block.time_s - start_s) / duration_s).clamp(0.0, 1.0));
     }
@@ -286,6 +296,11 @@ fn run(
     }
     monitor.finish(&mut keep);
     progress(1.0);
+    let used = summary::samples_used(outcomes.iter().map(|outcome| &outcome.judged));
+    if heard > used {
+        let reason = "in no window: of a stretch too short for one, or beyond its last";
+        monitor.count_rejected(heard - used, reason);
+    }
     Ok(Run { monitor, outcomes, notes, read: report })
 }
 

@@ -1,6 +1,7 @@
 //! What operators do to alarms.
 
 use super::alarms::find;
+use super::captures;
 use super::error::ApiError;
 use super::extract::{Body, Path, State};
 use super::state::{ApiState, newest};
@@ -22,7 +23,10 @@ async fn act(
     let author = state.author(author);
     let act = Act { alarm, action, author, comment };
     let alarm = state.ask(handle, |reply| ShardRequest::Act { act, reply }).await??;
-    Ok(Json(AlarmWire::new(machine, &alarm, newest(handle).start_time)))
+    let mut told = AlarmWire::new(machine, &alarm, newest(handle).start_time);
+    // The act is done, whether or not its capture can be told.
+    let _untold = captures::link(state, &mut [&mut told]).await;
+    Ok(Json(told))
 }
 
 macro_rules! acts {

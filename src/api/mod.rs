@@ -164,6 +164,7 @@ fn live_routes() -> OpenApiRouter<Shared> {
 pub fn openapi() -> utoipa::openapi::OpenApi {
     let mut document = routes().merge(slow_routes()).merge(live_routes()).into_openapi();
     described::secure(&mut document);
+    described::complete(&mut document);
     document
 }
 

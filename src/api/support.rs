@@ -117,9 +117,11 @@ pub(crate) fn sample_diagnosis() -> Diagnosis {
     }];
     right.other_faults = vec![OtherFault {
         fault: FaultMode::Cage,
+        state: State::Warning,
         severity: 0.3,
         confidence: 0.6,
         why: "FTF stands over the floor".to_owned(),
+        evidence: Vec::new(),
     }];
     let main = component("main", ComponentKind::Shaft, State::Undetermined, None);
     let mut mesh = component("mesh-1", ComponentKind::Gear, State::Healthy, None);

@@ -26,12 +26,14 @@ pub const DAMAGED_RATIO: f64 = 10.0;
 struct Finding {
     severity: f64,
     proven: bool,
+    /// Whether it exceeds a limit that somebody stated: a promise to say so, whatever else is accused.
+    is_of_limit: bool,
     probability: Option<f64>,
     text: String,
     evidence: Evidence,
 }
 
-/// Judges the level; `explained`: a component is accused already, so a raised level adds no cause. `unplaced`: damage of a bearing that none
+/// Judges the level; `explained`: a component is accused already, so a level raised over its baseline adds no cause. `unplaced`: damage of a bearing that none
 /// can be accused of by itself.
 #[must_use]
 pub fn judge(
@@ -43,42 +45,55 @@ pub fn judge(
     let mut verdict = ComponentDiagnosis::undetermined(
         &context.machine.id,
         ComponentKind::Machine,
-        "no limits and no baseline to hold the level against".to_owned(),
+        without_measure(context).to_owned(),
     );
     let mut findings: Vec<Finding> = Vec::new();
     for channel in &features.channels {
         findings.extend(against_limits(channel, context));
         findings.extend(against_baseline(channel, features, context));
     }
-    let worst =
-        findings.iter().filter(|f| f.proven).max_by(|a, b| a.severity.total_cmp(&b.severity));
-    let highest = findings.iter().max_by(|a, b| a.severity.total_cmp(&b.severity));
-    match (worst, highest) {
-        (Some(found), _) if severity::state(found.severity).is_accusation() => {
-            if explained {
-                verdict.why = format!("{}, explained by the accused component", found.text);
-            } else {
-                verdict.state = severity::state(found.severity);
-                verdict.fault = Some(FaultMode::AbnormalLevel);
-                verdict.severity = Some(found.severity);
-                verdict.confidence =
-                    Some((0.95 * (1.0 - found.probability.unwrap_or(0.0))).min(0.99));
-                verdict.why = format!("{}, cause not proven", found.text);
-            }
+    let highest = |counts: &dyn Fn(&Finding) -> bool| {
+        let those = findings.iter().filter(|found| counts(found));
+        those.max_by(|a, b| a.severity.total_cmp(&b.severity))
+    };
+    let is_abnormal = |f: &Finding| f.proven && severity::state(f.severity).is_accusation();
+    let accusing = highest(&|f| is_abnormal(f) && (f.is_of_limit || !explained));
+    match (accusing, highest(&is_abnormal), highest(&|_| true)) {
+        (Some(found), ..) => {
+            verdict.state = severity::state(found.severity);
+            verdict.fault = Some(FaultMode::AbnormalLevel);
+            verdict.severity = Some(found.severity);
+            verdict.confidence = Some((0.95 * (1.0 - found.probability.unwrap_or(0.0))).min(0.99));
+            verdict.why = format!("{}, cause not proven", found.text);
         }
-        (_, Some(found)) => {
+        (None, Some(found), _) => {
+            verdict.why = format!("{}, explained by the accused component", found.text);
+        }
+        (None, None, Some(found)) => {
             verdict.state = State::Healthy;
             verdict.severity = Some(severity::not_accused(found.severity));
             verdict.confidence = Some(0.9);
             verdict.why = format!("no level is proven abnormal: {}", found.text);
         }
-        (_, None) => {}
+        (None, None, None) => {}
     }
     if let Some(found) = unplaced {
         blame_whole(&mut verdict, &found);
     }
     verdict.evidence = findings.into_iter().map(|f| f.evidence).collect();
     verdict
+}
+
+/// Why there is nothing to hold a level against.
+fn without_measure(context: &Context<'_>) -> &'static str {
+    let limits = context.machine.limits_in_force();
+    let has_limits = limits.velocity_rms_warning_mm_per_s.is_some()
+        || limits.velocity_rms_damaged_mm_per_s.is_some();
+    if has_limits {
+        "limits are stated, but no channel is in a unit from which a velocity can be told (volts need sensitivity_v_per_unit), and there is no baseline"
+    } else {
+        "no limits and no baseline to hold the level against"
+    }
 }
 
 /// Accuses the machine of what is damaged in one of several bearings, which is not told: abnormal, whatever its level.
@@ -108,6 +123,7 @@ fn against_limits(channel: &ChannelFeatures, context: &Context<'_>) -> Option<Fi
     Some(Finding {
         severity,
         proven: true,
+        is_of_limit: true,
         probability: None,
         text: format!("velocity RMS {value:.2} mm/s of {name} (limits: {})", stated.join(", ")),
         evidence: Evidence {
@@ -166,6 +182,7 @@ fn against_baseline(
     Some(Finding {
         severity: severity::of_ratio(ratio, WARNING_RATIO, DAMAGED_RATIO),
         proven: probability <= context.false_alarm_probability,
+        is_of_limit: false,
         probability: Some(probability),
         text: format!("RMS of {name} is {ratio:.2} times its baseline"),
         evidence: Evidence {

@@ -55,6 +55,14 @@ fn judge_one(reading: &SensorReading, context: &Context<'_>) -> Option<Component
             0.3,
             format!("the signal takes {levels} values only: the range is too wide for it"),
         ),
+        (Some(SensorFlaw::Magnitude { largest }), _) => (
+            Some(FaultMode::WrongRange),
+            State::Damaged,
+            0.75,
+            format!(
+                "the signal deviates from its mean by up to {largest:.1e}, which no machine does in any unit: look at scale, unit and type of the data"
+            ),
+        ),
         (Some(SensorFlaw::Gap { volts, allowed: (low, high) }), _) => (
             Some(FaultMode::WrongRange),
             State::Warning,

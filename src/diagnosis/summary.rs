@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 const LAST_PART: f64 = 0.05;
 const FEWEST_WINDOWS: usize = 3;
 
-/// An accusation must persist over this many windows (or to the end) to date the first warning.
+/// An accusation must persist over this many windows to date the first warning, unless the whole is judged so for fewer.
 const PERSISTENCE: usize = 3;
 
 /// One window, judged.
@@ -207,8 +207,8 @@ pub fn conclude(machine: &str, windows: &[Judged]) -> Option<Diagnosis> {
     diagnosis.samples_used = samples_used(windows);
     diagnosis.data_quality = last.iter().map(|w| w.data_quality).max().unwrap_or(DataQuality::Bad);
     diagnosis.timeline = (windows.len() > 1).then(|| timeline(windows));
-    diagnosis.first_warning_s = first_persistent(windows, State::Warning);
-    diagnosis.first_damaged_s = first_persistent(windows, State::Damaged);
+    diagnosis.first_warning_s = first_since(windows, State::Warning, diagnosis.state);
+    diagnosis.first_damaged_s = first_since(windows, State::Damaged, diagnosis.state);
     Some(diagnosis)
 }
 
@@ -253,7 +253,7 @@ pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
     Diagnosis {
         machine: machine.to_owned(),
         duration_s: window.time_s.1 - window.time_s.0,
-        samples_used: samples_used(std::slice::from_ref(window)),
+        samples_used: samples_used([window]),
         samples_rejected: 0,
         rejected_because: Vec::new(),
         shaft_speed: window.speed,
@@ -276,11 +276,11 @@ pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
     }
 }
 
-/// Samples used, each counted once though windows may overlap.
-fn samples_used(windows: &[Judged]) -> u64 {
+/// Samples used by windows in their order, each counted once though windows may overlap.
+pub fn samples_used<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> u64 {
     let mut reached: std::collections::BTreeMap<&str, u64> = std::collections::BTreeMap::new();
     let mut total = 0;
-    for (channel, start, end) in windows.iter().flat_map(|w| &w.sample_ranges) {
+    for (channel, start, end) in windows.into_iter().flat_map(|w| &w.sample_ranges) {
         let from = reached.entry(channel).or_insert(0);
         total += end.saturating_sub((*start).max(*from));
         *from = (*from).max(*end);
@@ -385,12 +385,17 @@ fn timeline(windows: &[Judged]) -> Timeline {
     columns
 }
 
-/// Start of the first window from which `level` or worse persists.
-fn first_persistent(windows: &[Judged], level: State) -> Option<f64> {
-    let states: Vec<bool> = windows.iter().map(|w| whole_state(&w.components) >= level).collect();
-    (0..states.len())
-        .find(|i| states[*i..(*i + PERSISTENCE).min(states.len())].iter().all(|s| *s))
-        .map(|i| windows[i].time_s.0)
+/// Start of the first window from which `level` or worse persists; of the first at all where none does and the whole is judged so.
+fn first_since(windows: &[Judged], level: State, whole: State) -> Option<f64> {
+    let is_so = |w: &Judged| whole_state(&w.components) >= level;
+    let lasting = windows.windows(PERSISTENCE).find(|run| run.iter().all(is_so)).map(|run| &run[0]);
+    let first = || windows.iter().find(|w| is_so(w)).filter(|_| whole >= level);
+    // What begins in the last windows has had no time to last.
+    let at_end = || {
+        let calm = windows.iter().rposition(|w| !is_so(w)).map_or(0, |i| i + 1);
+        windows.get(calm).filter(|_| whole >= level)
+    };
+    lasting.or_else(at_end).or_else(first).map(|w| w.time_s.0)
 }
 
 #[cfg(test)]
@@ -457,6 +462,23 @@ mod tests {
         assert_eq!(found.first_warning_s, Some(3.0));
         assert_eq!(found.first_damaged_s, None);
         assert_eq!(found.timeline.unwrap().time_s.len(), 7);
+    }
+
+    #[test]
+    fn what_the_whole_is_judged_is_dated() {
+        use State::{Damaged, Healthy};
+        let first = |states: &[State]| {
+            let found = conclude_states(states);
+            assert_eq!(found.first_damaged_s.is_some(), found.state == Damaged, "{states:?}");
+            (found.first_warning_s, found.first_damaged_s)
+        };
+        assert_eq!(
+            first(&[Healthy, Damaged, Healthy, Damaged, Damaged, Healthy]),
+            (Some(1.0), Some(1.0))
+        );
+        assert_eq!(first(&[Damaged, Healthy, Healthy, Damaged, Damaged]), (Some(3.0), Some(3.0)));
+        assert_eq!(first(&[Healthy, Healthy, Healthy, Damaged]), (None, None));
+        assert_eq!(first(&[Healthy, Damaged]), (None, None));
     }
 
     #[test]

@@ -130,12 +130,16 @@ impl ComponentDiagnosis {
 pub struct OtherFault {
     /// The fault.
     pub fault: FaultMode,
+    /// Warning or damaged.
+    pub state: State,
     /// Its severity.
     pub severity: f64,
     /// Its confidence.
     pub confidence: f64,
     /// One plain sentence.
     pub why: String,
+    /// The numbers behind it.
+    pub evidence: Vec<Evidence>,
 }
 
 /// What only gears have.

@@ -58,7 +58,14 @@ fn label(fault: FaultMode, component: &str) -> Known {
 }
 
 fn other(fault: FaultMode) -> OtherFault {
-    OtherFault { fault, severity: 0.3, confidence: 0.5, why: String::new() }
+    OtherFault {
+        fault,
+        state: State::Warning,
+        severity: 0.3,
+        confidence: 0.5,
+        why: String::new(),
+        evidence: Vec::new(),
+    }
 }
 
 const NO_FAULT: Known = Known::Faults(Vec::new());

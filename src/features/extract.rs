@@ -110,7 +110,9 @@ impl Extractor {
     pub fn extract(&mut self, window: &Window<'_>) -> WindowFeatures {
         let machine = Arc::clone(&self.machine);
         let mut sensors = self.read_sensors(window);
-        let quiet = outburst::set_aside(&machine, &self.channels, window, &mut sensors);
+        let stated = speed::nominal(self.hints, machine.nominal_speed()).map(|(first, _)| first);
+        let described = (&*machine, stated);
+        let quiet = outburst::set_aside(described, &self.channels, window, &mut sensors);
         let (mut traces, mut cut) = self.vibration_traces(window, &quiet, &sensors);
         for trace in &mut traces {
             let unit = self.channels[trace.channel.0].unit;

@@ -5,10 +5,12 @@ use super::ChannelWindow;
 use super::Window;
 use super::sensor;
 use super::sensor::SensorReading;
+use super::speed::REFINE_RANGE;
 use crate::dsp::real::Real;
 use crate::dsp::real::ceil_index;
 use crate::dsp::stats;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
 use crate::machine::sensor::SensorKind;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
@@ -58,13 +60,17 @@ pub(super) struct Quiet {
 }
 
 /// The channels of accelerometers and velocity sensors that had outbursts, without them. What was set aside is told of in the sensor's reading.
+///
+/// `first`: speed of the first shaft, as far as it is stated.
 pub(super) fn set_aside(
-    machine: &Machine,
+    (machine, first): (&Machine, Option<Hz>),
     channels: &[ChannelInfo],
     window: &Window<'_>,
     sensors: &mut [SensorReading],
 ) -> Vec<Quiet> {
     let mut quiet = Vec::new();
+    let shafts = (0..machine.shafts.len()).map(ShaftIndex);
+    let speeds: Vec<Hz> = shafts.filter_map(|shaft| machine.shaft_speed(shaft, first?)).collect();
     for reading in sensors.iter_mut().filter(|r| r.flaw.is_none() && r.absent.is_none()) {
         let hears = matches!(
             machine.sensors[reading.sensor].kind,
@@ -73,7 +79,7 @@ pub(super) fn set_aside(
         let run = window.channels.get(reading.channel.0).copied().flatten();
         let Some(run) = run.filter(|_| hears) else { continue };
         let rate = channels[reading.channel.0].sample_rate;
-        let found = match clocked(run.samples) {
+        let found = match clocked(run.samples, rate, &speeds) {
             clocked if clocked.is_empty() => find(run.samples, rate),
             clocked => clocked,
         };
@@ -162,7 +168,9 @@ fn find(x: &[f32], rate: Hz) -> Vec<Range<usize>> {
 
 /// Every sample of the phase that single samples far off keep, at one distance in samples through the whole record: buffers' edges, lost words,
 /// and nothing that moves.
-fn clocked(x: &[f32]) -> Vec<Range<usize>> {
+///
+/// Not once a turn of a shaft, of the `speeds`: a rig may be driven, and is simulated, by the clock that samples it.
+fn clocked(x: &[f32], rate: Hz, speeds: &[Hz]) -> Vec<Range<usize>> {
     let places: Vec<usize> = sensor::spikes(x).into_iter().map(|(at, _)| at).collect();
     if places.len() < FEWEST_CLOCKED {
         return Vec::new();
@@ -170,9 +178,15 @@ fn clocked(x: &[f32]) -> Vec<Range<usize>> {
     // Some of them are lost beside what vibrates: the distance that is most frequent, and the phase that most of them keep.
     let gaps = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let Some((period, _)) = most_frequent(gaps) else { return Vec::new() };
+    let clock_hz = rate.0 / period as f64;
+    if speeds.iter().any(|speed| (clock_hz / speed.0 - 1.0).abs() <= REFINE_RANGE) {
+        return Vec::new();
+    }
     let phases = places.iter().map(|at| at % period).collect();
+    // Blows that ring at a part of the sampling rate are at its beat a few samples long.
+    let is_throughout = 2 * places.len() * period >= x.len();
     match most_frequent(phases) {
-        Some((phase, n)) if n as f64 >= CLOCKED * places.len() as f64 => {
+        Some((phase, n)) if is_throughout && n as f64 >= CLOCKED * places.len() as f64 => {
             (phase..x.len()).step_by(period).map(|at| at..at + 1).collect()
         }
         Some(_) | None => Vec::new(),
@@ -285,12 +299,25 @@ mod tests {
                 x[crate::dsp::real::floor_index(at)] += 30.0;
                 at += distance;
             }
-            clocked(&x)
+            clocked(&x, RATE, &[])
         };
         let found = every(76.0);
         assert!(found.len() > 1500 && found[3] == (268..269), "{}", found.len());
         assert!(every(76.013).is_empty(), "a rate of the machine's");
-        assert!(clocked(&noise(11)).is_empty());
+        assert!(clocked(&noise(11), RATE, &[]).is_empty());
+        let once_a_turn = |speed_hz: f64| {
+            let mut x = noise(11);
+            x.iter_mut().skip(40).step_by(1200).for_each(|v| *v += 30.0);
+            clocked(&x, RATE, &[Hz(3.0), Hz(speed_hz)])
+        };
+        assert!(once_a_turn(10.1).is_empty(), "a shaft's strikes");
+        assert_eq!(once_a_turn(12.0).len(), 100);
+        // Five samples of each strike, twenty apart: not throughout.
+        let mut x = noise(11);
+        for strike in (40..x.len() - 100).step_by(1200) {
+            x[strike..strike + 100].iter_mut().step_by(20).for_each(|v| *v += 30.0);
+        }
+        assert!(clocked(&x, RATE, &[]).is_empty());
     }
 
     #[test]

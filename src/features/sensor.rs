@@ -34,6 +34,11 @@ pub enum SensorFlaw {
         /// How many.
         levels: usize,
     },
+    /// The largest deviation from the mean is no machine's in any unit: a wrong scale, or bytes read as another type.
+    Magnitude {
+        /// That deviation, in the unit of the samples.
+        largest: f64,
+    },
     /// A probe stands too near or too far: its gap voltage lies outside the range in which it may be believed.
     Gap {
         /// Gap voltage, V.
@@ -106,6 +111,11 @@ const SPIKES_PART: f64 = 0.5;
 /// See [`held_extreme`].
 const HELD: usize = 8;
 
+/// Deviations from the mean between which a signal's largest lies, in any unit: twice squared, as envelopes are, what lies beyond leaves
+/// single precision.
+const SMALLEST: f64 = 1e-12;
+const LARGEST: f64 = 1e12;
+
 /// Looks for a flaw; `full_scale` are the ends of an integer source's range.
 #[must_use]
 pub fn find_flaw(
@@ -118,6 +128,10 @@ pub fn find_flaw(
     }
     if moments.max <= moments.min {
         return Some(SensorFlaw::Dead);
+    }
+    let largest = (moments.max - moments.mean).max(moments.mean - moments.min);
+    if !(SMALLEST..=LARGEST).contains(&largest) {
+        return Some(SensorFlaw::Magnitude { largest });
     }
     let n = x.len() as f64;
     let part = longest_run(x) as f64 / n;

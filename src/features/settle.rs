@@ -48,18 +48,19 @@ impl Told<'_> {
         let Some((nominal, source)) = nominal else { return Speed::unknown() };
         let (comb, is_sure) = self.by_lines(nominal, source, traces);
         let mut settled = speed::settle(nominal, source, comb, is_sure);
-        if let (Some(option), Some(capture)) = (self.hints.option, self.hints.capture) {
-            settled.notes.extend(tacho::disagreement("--speed", option, "the capture", capture));
-        }
-        if let (Some(capture), Some(machine)) =
-            (self.hints.capture, self.machine.shafts.first().and_then(|s| s.nominal_speed))
-        {
-            settled.notes.extend(tacho::disagreement(
-                "the capture",
-                capture,
-                "the machine file",
-                machine,
-            ));
+        let machine = self.machine.shafts.first().and_then(|s| s.nominal_speed);
+        let stated = [
+            ("--speed", self.hints.option),
+            ("the capture", self.hints.capture),
+            ("the machine file", machine),
+        ];
+        for (i, (name, speed)) in stated.iter().enumerate() {
+            for (other_name, other) in &stated[i + 1..] {
+                let told = speed
+                    .zip(*other)
+                    .and_then(|(speed, other)| tacho::disagreement(name, speed, other_name, other));
+                settled.notes.extend(told);
+            }
         }
         settled
     }

@@ -49,9 +49,18 @@ pub fn measured_speed(
         })
     };
     let by_tacho = of_kind(SensorKind::Tacho).find_map(|(s, info, x)| tacho(machine, s, info, x));
-    let measured = by_tacho.or_else(|| {
-        of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x))
-    });
+    let by_channel =
+        of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x));
+    let measured = match (by_tacho, by_channel) {
+        (Some(mut measured), Some(other)) => {
+            if let (Some(first), Some(other)) = (measured.first, other.first) {
+                let told = disagreement("the tacho", first, "the speed channel", other);
+                measured.notes.extend(told);
+            }
+            Some(measured)
+        }
+        (by_tacho, by_channel) => by_tacho.or(by_channel),
+    };
     // A tacho without pulses is a machine at rest or a lost sensor: a nominal speed would be a guess.
     measured.or_else(|| {
         let (_, info, _) = of_kind(SensorKind::Tacho).next()?;

@@ -26,8 +26,8 @@ impl Copied {
             reason = "float to int casts saturate"
         )]
         let wanted = (((end_s - start_s) * rate).round() as usize).max(1);
-        // Half a sample of slack against the rounding of index/rate.
-        let end = ring.end_at(end_s + 0.25 / rate)?;
+        // A quarter of a sample of slack against the rounding of index/rate: the sample at `end_s` is the next window's.
+        let end = ring.end_at(end_s - 0.25 / rate)?;
         let last = SampleIndex(end.0.checked_sub(1)?);
         if ring.segment_of(last) != segment {
             return None;

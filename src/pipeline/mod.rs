@@ -15,6 +15,7 @@ use crate::alarms::limit::Measured;
 use crate::buffer::Ring;
 use crate::buffer::RingStatus;
 use crate::diagnosis::Context;
+use crate::diagnosis::baseline;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::OperatingPoint;
@@ -414,6 +415,10 @@ impl Monitor {
         }
         let drifts = self.drift.drifts(&self.channels);
         diagnosis.warnings.extend(drifts.iter().map(drift::Drift::text));
+        let n_used = diagnosis.baselines.iter().filter(|b| b.used).count();
+        diagnosis
+            .notes
+            .extend(baseline::scatter_note(n_used).filter(|_| !self.baseline.provisional));
         if self.baseline.provisional {
             let n = self.baseline.records.len();
             diagnosis.provisional_baseline = Some(format!("the first {n} windows of this record"));

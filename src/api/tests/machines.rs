@@ -250,3 +250,20 @@ fn the_document_has_the_words_that_are_sent() {
     let wrong: Vec<_> = found.iter().filter(|word| word.starts_with(char::is_uppercase)).collect();
     assert!(wrong.is_empty(), "names of the code, not of the interface: {wrong:?}");
 }
+
+#[test]
+fn the_document_is_what_openapi_asks_for() {
+    let document: serde_json::Value = serde_json::from_str(&crate::api::openapi_text()).unwrap();
+    let mut ids = std::collections::BTreeSet::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let id = operation["operationId"].as_str().unwrap_or_default();
+            assert!(!id.is_empty() && ids.insert(id.to_owned()), "{method} {path}: {id:?}");
+            for (status, answer) in operation["responses"].as_object().unwrap() {
+                let described = answer["description"].as_str().unwrap_or_default();
+                assert!(!described.is_empty(), "{method} {path}: {status}");
+            }
+        }
+    }
+    assert!(ids.contains("get_machines_id_health"), "{ids:?}");
+}

@@ -14,6 +14,18 @@ async fn a_scenario_is_shown_and_changed() {
     assert_eq!((&item["machine"], &item["scenario"]), (&"rig-1".into(), &"GG_GS_GB".into()));
     assert_eq!(item["since"], "2023-11-14T22:13:22Z");
     assert_eq!((&item["lag_s"], &item["keeps_pace"]), (&0.0.into(), &true.into()));
+    // The document describes the faults it shows.
+    let mut schema: serde_json::Value = serde_json::from_str(&crate::api::openapi_text()).unwrap();
+    schema["$ref"] = "#/components/schemas/FaultWire".into();
+    let validator = jsonschema::validator_for(&schema).unwrap();
+    for fault in [
+        r#"{ "fault": "inner_race", "bearing": "right", "width_mm": 1, "depth_um": 20, "angle_deg": 0 }"#,
+        r#"{ "fault": "bow", "shaft": "main", "amplitude_um": 4.0 }"#,
+    ] {
+        let fault = serde_json::from_str(fault).unwrap();
+        let errors: Vec<String> = validator.iter_errors(&fault).map(|e| e.to_string()).collect();
+        assert!(errors.is_empty(), "{fault}: {errors:?}");
+    }
     let body = r#"{ "machine": "rig-1", "scenario": "GG_GS_BB", "grow_s": 3 }"#;
     let changed = service.post(PATH, body).await.json();
     assert_eq!((&changed["scenario"], &changed["grown_at_s"]), (&"GG_GS_BB".into(), &15.0.into()));

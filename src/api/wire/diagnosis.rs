@@ -71,9 +71,10 @@ pub struct DiagnosisDocument {
     pub provisional_baseline: Option<String>,
     /// Verdicts over time; null for a single window.
     pub timeline: Option<TimelineWire>,
-    /// Start of the first window in warning or worse, s from the start; null if never.
+    /// Start of the first window from which warning or worse lasts for three windows, s from the start; where none lasts and `state` is so, of
+    /// the first such window; null if never. Single windows are in `timeline`.
     pub first_warning_s: Option<f64>,
-    /// Start of the first window in damaged, s from the start; null if never.
+    /// The same of damaged.
     pub first_damaged_s: Option<f64>,
     /// Samples this verdict rests on, by channel.
     pub sample_ranges: Vec<SampleRangeWire>,
@@ -130,6 +131,12 @@ pub struct ComponentWire {
 /// A further fault of a component.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct OtherFaultWire {
+    /// Id of the component.
+    pub id: String,
+    /// Its kind.
+    pub kind: KindName,
+    /// Warning or damaged.
+    pub state: StateName,
     /// The fault.
     pub fault: FaultName,
     /// Effect size, 0…1.
@@ -140,6 +147,8 @@ pub struct OtherFaultWire {
     pub confidence: Option<f64>,
     /// One plain sentence.
     pub why: String,
+    /// The numbers behind it.
+    pub evidence: Vec<EvidenceWire>,
 }
 
 /// One number behind a verdict.
@@ -290,10 +299,14 @@ impl ComponentWire {
                 .other_faults
                 .iter()
                 .map(|other| OtherFaultWire {
+                    id: c.id.clone(),
+                    kind: c.kind.into(),
+                    state: other.state.into(),
                     fault: other.fault.into(),
                     severity: finite(other.severity),
                     confidence: finite(other.confidence),
                     why: other.why.clone(),
+                    evidence: other.evidence.iter().map(EvidenceWire::new).collect(),
                 })
                 .collect(),
             member: gear.map(|gear| gear.member.map(Into::into)),

@@ -314,15 +314,30 @@ impl Dataset {
         guarded(|| self.inner.read_slice::<T>(&[start], &[count]))
     }
 
-    /// Reads `count` integers of any width, or an error naming the first that does not fit.
+    /// Reads `count` integers of any width, floats that are whole numbers too, or an error naming the first that does not fit.
     pub(super) fn integers(&self, count: usize) -> Result<Vec<i64>, LibraryError> {
-        guarded(|| self.inner.read_numeric_slice_as::<i64>(&[0], &[count]))
+        guarded(|| self.inner.read_numeric_slice_as::<i64>(&[0], &[count])).or_else(|error| {
+            let floats = guarded(|| self.inner.read_numeric_slice_as::<f64>(&[0], &[count]));
+            let whole = floats.ok().and_then(|all| all.into_iter().map(whole_number).collect());
+            whole.ok_or(error)
+        })
     }
 
-    /// Reads `count` floats of either width.
+    /// Reads `count` floats of either width, or integers.
     pub(super) fn floats(&self, count: usize) -> Result<Vec<f64>, LibraryError> {
-        guarded(|| self.inner.read_numeric_slice_as::<f64>(&[0], &[count]))
+        guarded(|| self.inner.read_numeric_slice_as::<f64>(&[0], &[count])).or_else(|error| {
+            let integers = guarded(|| self.inner.read_numeric_slice_as::<i64>(&[0], &[count]));
+            let floats = integers.map(|all| all.into_iter().map(|value| value as f64).collect());
+            floats.map_err(|_| error)
+        })
     }
+}
+
+/// A float as the integer it is, if it is one that a float holds exactly.
+fn whole_number(value: f64) -> Option<i64> {
+    #[expect(clippy::cast_possible_truncation, reason = "whole and within 2^53")]
+    let whole = (value.fract() == 0.0 && value.abs() <= 2.0_f64.powi(53)).then_some(value as i64);
+    whole
 }
 
 /// A file being written; incomplete until [`NewFile::close`].

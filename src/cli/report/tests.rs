@@ -48,9 +48,11 @@ pub(super) fn diagnosis() -> Diagnosis {
     right.evidence = vec![line()];
     right.other_faults = vec![OtherFault {
         fault: FaultMode::RollingElement,
+        state: State::Warning,
         severity: 0.3,
         confidence: 0.8,
         why: "2·BSF too".into(),
+        evidence: vec![],
     }];
     let mut left = component("left", ComponentKind::Bearing, State::Healthy);
     left.evidence = vec![Evidence { channel: "left_x".into(), ..line() }];

@@ -156,6 +156,20 @@ fn within_square(usual: &[Usual]) -> f64 {
     if squares.is_empty() { 0.0 } else { squares.iter().sum::<f64>() / squares.len() as f64 }
 }
 
+/// By what scatter a value is held against so many records (C6).
+#[must_use]
+pub fn scatter_note(n_records: usize) -> Option<String> {
+    match n_records {
+        0 => None,
+        n if n < MIN_RECORDS_FOR_SCATTER => Some(format!(
+            "baseline of {n} record{}: how records scatter is not known from fewer than {MIN_RECORDS_FOR_SCATTER}; a scatter of \
+             {ASSUMED_LOG_SCATTER} (1σ, of the natural logarithm) is assumed where their windows scatter less",
+            if n == 1 { "" } else { "s" }
+        )),
+        n => Some(format!("baseline of {n} records: their own scatter is used")),
+    }
+}
+
 /// In what a record fits.
 fn fitting(record: &Record, now: &OperatingPoint) -> String {
     let known = |record: bool, now: bool| record && now;

@@ -46,16 +46,17 @@ pub(super) fn evidence(
         others.into_iter().any(|a| a.explains(l.reading.frequency, Hz(resolution)))
     };
     let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));
-    found.extend(absolute.map(|l| absolute_evidence(l, context)));
+    found.extend(absolute.map(|l| absolute_evidence(l, features, context)));
     let is_heard = |channel| candidates.iter().any(|c| c.search.channel == channel);
     let heard = features.impulses.iter().filter(|heard| is_heard(heard.channel));
     found.extend(heard.map(|heard| blows::evidence(heard, context)));
     let combs = features.combs.iter().filter(|c| c.bearing == bearing);
-    found.extend(combs.map(|c| struck::evidence(c, context)));
+    found.extend(combs.map(|c| struck::evidence(c, features, context)));
     found
 }
 
-fn envelope_evidence(candidate: &Candidate<'_>, context: &Context<'_>) -> Evidence {
+/// A line in the envelopes, for the record.
+pub(super) fn envelope_evidence(candidate: &Candidate<'_>, context: &Context<'_>) -> Evidence {
     let search = candidate.search;
     Evidence {
         indicator: format!("envelope_line_{}", search.line.slug()),
@@ -72,7 +73,23 @@ fn envelope_evidence(candidate: &Candidate<'_>, context: &Context<'_>) -> Eviden
     }
 }
 
-fn absolute_evidence(line: &AbsoluteLine, context: &Context<'_>) -> Evidence {
+/// A frequency in speeds of the bearing's shaft.
+pub(super) fn order(
+    frequency: Hz,
+    bearing: BearingIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<f64> {
+    let shaft = context.machine.bearing(bearing).shaft;
+    let speed = context.machine.shaft_speed(shaft, features.speed.first?)?;
+    (speed.0 > 0.0).then(|| frequency.0 / speed.0)
+}
+
+fn absolute_evidence(
+    line: &AbsoluteLine,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Evidence {
     let (x, y) = line.pair;
     let tail = line.reading.harmonics[0].map_or(1.0, |h| confidence::harmonic_tail(&h));
     // Power ratio at which one search of this width reaches the declared probability.
@@ -84,7 +101,7 @@ fn absolute_evidence(line: &AbsoluteLine, context: &Context<'_>) -> Evidence {
         detector: Some(Detector::ZeroToPeak),
         frequency: Some(line.reading.frequency),
         expected: Some(line.expected),
-        order: None,
+        order: order(line.reading.frequency, line.bearing, features, context),
         value: line.amplitude,
         unit: context.channels[x.0].unit,
         threshold: Some(line.floor * z.sqrt()),

@@ -261,15 +261,7 @@ fn accuse(
         verdict.state = severity::state(severity);
         verdict.fault = Some(fault_of(first.search.line));
         verdict.confidence = Some(confidence_in(first, features, first.share()));
-        verdict.other_faults = others
-            .iter()
-            .map(|c| OtherFault {
-                fault: fault_of(c.search.line),
-                severity: severity::of_depth(c.depth()),
-                confidence: confidence_in(c, features, c.share()),
-                why: sentence(c, context),
-            })
-            .collect();
+        verdict.other_faults = others.iter().map(|c| other_fault(c, features, context)).collect();
     } else if let Some(rival) = rival {
         verdict.state = State::Warning;
         verdict.severity = Some(severity::not_damaged(severity));
@@ -279,6 +271,23 @@ fn accuse(
             sentence(first, context),
             rival.search.line.name()
         );
+    }
+}
+
+/// A line that accuses beside a stronger one.
+fn other_fault(
+    line: &Candidate<'_>,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> OtherFault {
+    let severity = severity::of_depth(line.depth());
+    OtherFault {
+        fault: fault_of(line.search.line),
+        state: severity::state(severity),
+        severity,
+        confidence: confidence_in(line, features, line.share()),
+        why: sentence(line, context),
+        evidence: vec![evidence::envelope_evidence(line, context)],
     }
 }
 

@@ -62,7 +62,7 @@ impl Risen<'_> {
             detector: None,
             frequency: self.line.best.as_ref().map(|best| best.frequency),
             expected: Some(search.expected),
-            order: None,
+            order: self.line.best.as_ref().map(|best| best.frequency.0 / search.shaft_speed.0),
             value: self.ratio,
             unit: Unit::One,
             threshold: Some(GROWN),

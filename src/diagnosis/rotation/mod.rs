@@ -108,8 +108,12 @@ fn cannot_look(features: &WindowFeatures, context: &Context<'_>, without: &str) 
         return None;
     }
     let offered = context.offered_baselines > 0;
-    let why = if offered { "no baseline at this speed" } else { without };
-    Some(why.to_owned())
+    let unfit = if features.load.is_some() {
+        "no baseline at this speed and load"
+    } else {
+        "no baseline at this speed"
+    };
+    Some(if offered { unfit } else { without }.to_owned())
 }
 
 fn accuse(
