@@ -47,6 +47,8 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
+    /// Bands that show it with all its harmonics.
+    n_whole: usize,
     /// Bands that show it at the probability at which a line counts as there.
     n_noted: usize,
     /// What it is a side band of, as most of the bands that show it tell: the line beside it is higher (C40).
@@ -172,6 +174,7 @@ impl<'a> Candidate<'a> {
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
+            n_whole: showing.iter().filter(|r| r.is_whole()).count(),
             n_noted,
             side_band_of: carrier_of(&showing).filter(|_| search.line != DefectLine::Ftf),
             broad_probability: paid(MOST),
@@ -237,10 +240,13 @@ impl<'a> Candidate<'a> {
         self.is_deep_in_many() || self.is_deep_and_carried()
     }
 
-    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it.
+    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show a race's
+    /// with all its harmonics: blows ring everywhere, and what is smooth has no third harmonic.
     fn is_deep_in_many(&self) -> bool {
+        let is_whole = matches!(self.search.line, DefectLine::Bpfi | DefectLine::Bpfo)
+            && 2 * self.n_whole > self.n_bands;
         self.agreed_depth >= severity::WARNING_DEPTH
-            || self.is_broad() && self.depth() >= NARROW_DEPTH
+            || self.is_broad() && (self.depth() >= NARROW_DEPTH || is_whole)
     }
 
     /// Whether its depth tells how bad it is, not only that it is there: it is shown by most bands and deep in many.
@@ -408,6 +414,27 @@ mod tests {
         assert!(of(&fast));
         // One band alone tells nothing.
         assert!(!of(&search(DefectLine::Bpfo, 8, 0.5)));
+    }
+
+    #[test]
+    fn a_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
+        // D = 0.8 in one band of eight and 0.3 in the others.
+        let in_bands = |line: DefectLine, n_whole: usize| {
+            let mut search = search(line, 8, 0.5);
+            for (i, reading) in search.outcome.iter_mut().flatten().enumerate() {
+                let height = if i == 0 { 0.4 } else { 0.15 };
+                let harmonic = reading.harmonics[0].map(|h| Harmonic { depth: height, ..h });
+                reading.harmonics = [harmonic; bearing::N_HARMONICS];
+                if i >= n_whole {
+                    reading.harmonics[2] = None;
+                }
+            }
+            let candidate = Candidate::weigh(&search, &[], 4.0);
+            assert!(candidate.is_proven() && candidate.agreed_depth < 0.31);
+            candidate.is_agreed()
+        };
+        assert!(in_bands(DefectLine::Bpfo, 5) && in_bands(DefectLine::Bpfi, 8));
+        assert!(!in_bands(DefectLine::Bpfo, 4) && !in_bands(DefectLine::TwoBsf, 8));
     }
 
     #[test]

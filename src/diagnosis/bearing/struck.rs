@@ -8,8 +8,10 @@ use super::LEAD_POWER_RATIO;
 use super::accept::Accepted;
 use super::blows;
 use super::candidate;
+use super::evidence::order;
 use super::grown;
 use super::grown::GROWN_RATIO;
+use super::mains;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
 use crate::diagnosis::level;
@@ -93,12 +95,24 @@ pub(super) fn strongest<'a>(
     }
     let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
     let own = features.combs.iter().filter(|c| c.bearing == bearing && is_struck(c));
-    own.filter(|c| !accepted.iter().any(|a| is_others(a, c, resolution)))
+    own.filter(|c| mains::multiple(context.machine, c.frequency, resolution).is_none())
+        .filter(|c| !is_near_multiple(c, features, context))
+        .filter(|c| !accepted.iter().any(|a| is_others(a, c, resolution)))
         .filter(|c| is_loudest(c, features, context))
         .filter_map(|comb| {
             Some(Struck { comb, proof: proof(comb, features, context, resolution)? })
         })
         .max_by(|a, b| a.proof.severity().total_cmp(&b.proof.severity()))
+}
+
+/// How near, relative, a whole multiple of a speed that nothing confirms may be the shaft's: such speeds are read off and rounded.
+const UNSURE: f64 = 0.01;
+
+/// Whether a coupling's jaws, or vanes, may make the comb: nothing confirms the speed, and at one near by it is a multiple of the shaft's.
+fn is_near_multiple(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> bool {
+    let order = order(comb.frequency, comb.bearing, features, context);
+    let is_near = |order: f64| (order - order.round()).abs() <= UNSURE * order;
+    features.speed.is_unconfirmed() && order.is_some_and(is_near)
 }
 
 /// Growth over the baseline that is enough where blows hold a quarter of the energy as well (6 dB).
@@ -211,7 +225,7 @@ fn pair_name(comb: &Comb, context: &Context<'_>) -> String {
 }
 
 /// The comb, for the record.
-pub(super) fn evidence(comb: &Comb, context: &Context<'_>) -> Evidence {
+pub(super) fn evidence(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> Evidence {
     let (x, y) = comb.pair;
     Evidence {
         indicator: format!("comb_{}", comb.line.slug()),
@@ -219,7 +233,7 @@ pub(super) fn evidence(comb: &Comb, context: &Context<'_>) -> Evidence {
         detector: None,
         frequency: Some(comb.frequency),
         expected: Some(comb.expected),
-        order: None,
+        order: order(comb.frequency, comb.bearing, features, context),
         value: comb.lead,
         unit: Unit::One,
         threshold: Some(LEAD_POWER_RATIO),

@@ -15,6 +15,7 @@ use crate::features::comb::Comb;
 use crate::features::impulses::Blows;
 use crate::features::impulses::Impulses;
 use crate::features::speed::Speed;
+use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
@@ -249,4 +250,20 @@ fn beside_blows_a_comb_that_has_grown_less_than_fivefold_warns() {
         "{}",
         told.why
     );
+}
+
+#[test]
+fn a_comb_at_a_multiple_of_a_speed_that_nothing_confirms_may_be_a_couplings() {
+    // The shaft turns at 30 Hz as it is stated; five jaws, a third of a percent off.
+    let at = |frequency_hz: f64, confidence: f64| {
+        let source = Some(SpeedSource::Capture);
+        let speed = Speed { source, confidence, ..Speed::unknown() };
+        let expected = Hz(frequency_hz);
+        let combs = [0, 1].map(|b| Comb { frequency: expected, expected, ..comb_at(b) });
+        let others = (Vec::new(), combs.to_vec(), Vec::new());
+        judged_at(speed, 1.0, Vec::new(), others).remove(0).fault
+    };
+    assert_eq!(at(149.5, 0.85), None);
+    assert_eq!(at(149.5, 0.98), Some(FaultMode::InnerRace), "harmonics of the shaft confirm it");
+    assert_eq!(at(161.0, 0.85), Some(FaultMode::InnerRace));
 }

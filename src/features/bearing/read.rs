@@ -129,6 +129,14 @@ fn open_bins<'a>(
     })
 }
 
+/// Highest side band at the shaft's speed, over its line, of a defect whose load turns in part with the shaft: blows of amplitude 1 + m·cos θ
+/// have m/(1 + m²/2), 0.71 at most, and noise adds to it.
+const TURNING_LOAD: f64 = 0.8;
+
+/// How much higher than the shaft's own lines a line is that no events of the shaft make: modulated by whatever passes, those have side
+/// lines no higher than themselves.
+const OVER_SHAFT: f64 = 1.2;
+
 /// Whether a line of the race at rest or of a rolling element has higher side bands at the shaft's speed than full
 /// modulation makes (F12). `side_band_read`: those at its own spacing, for a race the shaft's speed.
 fn is_shaft_product(
@@ -144,7 +152,16 @@ fn is_shaft_product(
             side_band_read.filter(|_| task.is_at_rest)
         }
     };
-    at_shaft.is_some_and(|side| side.depth > FULL_MODULATION * depth)
+    let Some(side) = at_shaft.filter(|side| side.depth > FULL_MODULATION * depth) else {
+        return false;
+    };
+    let speed_hz = task.shaft_speed.0;
+    let of_shaft = depth_at(spectrum, speed_hz).max(shaft_depth(spectrum, task, frequency_hz));
+    let is_of_load = task.is_at_rest
+        && task.line != DefectLine::TwoBsf
+        && side.depth <= TURNING_LOAD * depth
+        && depth > OVER_SHAFT * of_shaft;
+    !is_of_load
 }
 
 /// Reads the stronger of the side bands at ± spacing around a frequency.
@@ -172,8 +189,8 @@ pub(super) const SIDE_BANDS: u32 = 2;
 /// or rings on into the next strike adds to them.
 const HIGHER: f64 = 1.2;
 
-/// The highest of the side bands, if it is surely higher than the line itself (F28): strikes that a load modulates, which is never
-/// negative, have none such.
+/// The highest of the side bands, if it is surely higher than the line itself and its double higher than the line's (F28): strikes that a load
+/// modulates, which is never negative, have none such. What lies a side band beside a strike's rate has its double two side bands beside.
 fn higher_side_band(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
@@ -186,9 +203,15 @@ fn higher_side_band(
     let places = (1..=SIDE_BANDS).flat_map(|k| {
         [-1.0, 1.0].map(|sign| frequency_hz + sign * f64::from(k) * task.side_band_spacing.0)
     });
+    let is_known = |hz: f64| coinciding(Hz(hz), task.known, task.resolution).is_some();
+    let top_hz = spectrum.depth.len() as f64 * spectrum.bin_hz;
+    let double_is_higher = |hz: f64| {
+        let (own, other) = (2.0 * frequency_hz, 2.0 * hz);
+        let is_unread = own.max(other) >= top_hz || is_known(own) || is_known(other);
+        is_unread || depth_at(spectrum, other) > depth_at(spectrum, own)
+    };
     let highest = places
-        .filter(|hz| *hz > task.resolution.0)
-        .filter(|hz| coinciding(Hz(*hz), task.known, task.resolution).is_none())
+        .filter(|hz| *hz > task.resolution.0 && !is_known(*hz) && double_is_higher(*hz))
         .map(|hz| (hz, depth_at(spectrum, hz)))
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
     is_higher(highest.1).then_some(Hz(highest.0))

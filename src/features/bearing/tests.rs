@@ -178,8 +178,9 @@ fn slower(lines: &[(f64, f64)], line: DefectLine) -> Option<f64> {
 #[test]
 fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
     // Side bands at 75 and 125 Hz beside a line at 100 Hz and its second harmonic.
-    let product = |side: f32, is_at_rest: bool| {
+    let beside_shaft = |side: f32, is_at_rest: bool, shaft: f32| {
         let mut depth = spectrum_with(100.0, &[0.8, 0.5], 0.05);
+        depth[560] = depth[560].max(shaft);
         depth[1500] = side;
         depth[2500] = side;
         let spectrum = of_ten_seconds(&depth);
@@ -188,8 +189,12 @@ fn stronger_side_bands_than_full_modulation_tell_of_the_shafts_events() {
         assert_eq!(reading.is_explained(), reading.is_shaft_product);
         reading.is_shaft_product
     };
+    let product = |side: f32, is_at_rest: bool| beside_shaft(side, is_at_rest, 0.0);
     assert!(product(0.7, true));
     assert!(!product(0.3, true), "less than half: the load turns with the shaft");
+    // Three quarters are a load's that turns, unless events of the shaft, at 28 Hz, stand nearly as high.
+    assert!(!product(0.6, true) && !beside_shaft(0.6, true, 0.6));
+    assert!(beside_shaft(0.6, true, 0.7));
     assert!(!product(0.7, false), "a race that turns has them by its nature");
 }
 
@@ -239,8 +244,10 @@ fn a_side_band_higher_than_the_line_is_what_the_line_is_a_side_band_of() {
         read_line(&of_ten_seconds(&depth), BAND, &task(known), &mut Vec::new()).unwrap().outdone_by
     };
     let place = |found: Option<Hz>| found.map(|hz| hz.0.round());
-    assert_eq!(place(outdone(&[(125.0, 0.7)], &[])), Some(125.0));
-    assert_eq!(place(outdone(&[(75.0, 0.6), (50.0, 0.7)], &[])), Some(50.0), "the highest");
+    assert_eq!(place(outdone(&[(125.0, 0.7), (250.0, 0.4)], &[])), Some(125.0));
+    assert_eq!(outdone(&[(125.0, 0.7), (250.0, 0.2)], &[]), None, "its double is no other's");
+    let below = [(75.0, 0.6), (150.0, 0.4), (50.0, 0.7)];
+    assert_eq!(place(outdone(&below, &[])), Some(50.0), "the highest, and twice that is the line");
     assert_eq!(outdone(&[(125.0, 0.48), (75.0, 0.4)], &[]), None, "a load that is never negative");
     assert_eq!(outdone(&[(125.0, 0.56)], &[]), None, "struck once a turn");
     assert_eq!(outdone(&[(25.0, 0.9), (112.0, 0.9)], &[]), None, "no side bands");
@@ -455,7 +462,8 @@ fn side_bands_are_read_at_the_harmonic_that_tells_the_line() {
     // 98.85 lies within 0.2 Hz of 3x: its side bands at 1x lie within that of 2x and 4x, those of 197.7 do not.
     let series = shaft_series();
     let read = |beside: [(f64, f64); 2]| {
-        let depth = spectrum_of(&[[(98.85, 0.8), (197.7, 0.4)], beside].concat(), 0.05);
+        let own = [(98.85, 0.8), (197.7, 0.4), (329.4, 0.3)];
+        let depth = spectrum_of(&[&own, &beside[..]].concat(), 0.05);
         let task = LineTask { side_band_spacing: Hz(33.0), ..task(&series) };
         read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap()
     };

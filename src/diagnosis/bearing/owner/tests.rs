@@ -76,7 +76,8 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
         .collect();
     let text = format!(
         "[machine]\nid='m'\n[[shaft]]\nid='s'\n{bearings}[[sensor]]\nchannel='a'\n\
-         kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n[[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n"
+         kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n[[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n\
+         [[motor]]\nshaft='s'\npoles=2\nline_frequency_hz=60.0\n"
     );
     let machine = file::parse(&text, "m.toml").unwrap();
     searches.sort_by_key(|s| s.bearing.0);
