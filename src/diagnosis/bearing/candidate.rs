@@ -27,6 +27,9 @@ const SMOOTH_POWER: f64 = 0.1;
 /// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
 const OUTDOES: f64 = 2.0;
 
+/// How much higher than the shaft's own lines a line is that no events of the shaft make, however sharply they are modulated (F12).
+const OVER_EVENTS: f64 = 1.2;
+
 /// Ways to be proven, each of which may err.
 const N_WAYS: f64 = 2.0;
 
@@ -313,6 +316,16 @@ impl<'a> Candidate<'a> {
     pub(super) fn has_side_band(&self) -> bool {
         let side = self.best.as_ref().and_then(|best| best.side_band);
         side.is_some_and(|s| confidence::harmonic_tail(&s) <= confidence::FALSE_ALARM_PROBABILITY)
+    }
+
+    /// Whether events of the shaft that elements modulate sharply as they pass may make it (C49): a line of the race that turns without side
+    /// bands at 1×, no higher than the shaft's harmonics beside it.
+    pub(super) fn is_of_events(&self) -> bool {
+        let Some(best) = self.best.as_ref().filter(|_| self.search.is_of_turning_race()) else {
+            return false;
+        };
+        let depth = best.harmonics[0].map_or(0.0, |h| h.depth);
+        !self.has_side_band() && depth <= OVER_EVENTS * best.shaft_depth
     }
 
     /// Whether it is a cage's line of less than full modulation: as much is made by sound elements that differ, as

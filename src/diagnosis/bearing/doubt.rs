@@ -62,6 +62,8 @@ pub(super) enum Doubt {
     NearMultiple,
     /// It stands at a multiple of a mains frequency, and no motor states its own (C48).
     OfMains,
+    /// Events of the shaft may make it, which elements modulate sharply (C49).
+    OfEvents,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
@@ -146,6 +148,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::NearMultiple)
     } else if mains::of_mains(line, seen).is_some() {
         Says::Doubt(Doubt::OfMains)
+    } else if line.is_of_events() {
+        Says::Doubt(Doubt::OfEvents)
     } else if line.is_overheard(seen.accepted) {
         Says::Doubt(Doubt::Overheard)
     } else if is_smooth(line, seen) {
@@ -182,6 +186,7 @@ pub(super) fn why_open(
         | Doubt::Contested
         | Doubt::NearMultiple
         | Doubt::OfMains
+        | Doubt::OfEvents
         | Doubt::Overheard
         | Doubt::Smooth
         | Doubt::OfTone
@@ -198,6 +203,7 @@ pub(super) fn why_open(
         Doubt::Contested => said::contested(line, &contenders(line, seen), seen.context),
         Doubt::NearMultiple => said::near_multiple(line, seen.context),
         Doubt::OfMains => said::of_mains(line, mains::of_mains(line, seen), seen.context),
+        Doubt::OfEvents => said::of_events(line, seen.context),
         Doubt::Overheard => said::overheard(line, seen.context),
         Doubt::Smooth => said::smooth(line, seen.context),
         Doubt::OfTone => said::of_tone(line, seen),

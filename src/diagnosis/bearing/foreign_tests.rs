@@ -174,3 +174,20 @@ fn a_cages_line_that_is_set_aside_acquits_nobody() {
     assert!(open.why.contains("elements that the cage carries strike so"), "{}", open.why);
     assert_eq!(verdict(0.5).state, State::Healthy, "as much is made by sound elements that differ");
 }
+
+#[test]
+fn a_turning_race_without_its_side_bands_beside_as_high_harmonics_of_the_shaft_is_left_open() {
+    let beside = |shaft_depth: f64, has_side_band: bool, line: DefectLine| {
+        let line = changed(search(0, line, 0.6), |reading| {
+            reading.shaft_depth = shaft_depth;
+            reading.side_band = reading.harmonics[0].filter(|_| has_side_band);
+        });
+        judged(None, vec![line])
+    };
+    let open = beside(0.55, false, DefectLine::Bpfi);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("events of the shaft"), "{}", open.why);
+    assert_eq!(beside(0.4, false, DefectLine::Bpfi).fault, Some(FaultMode::InnerRace));
+    assert_eq!(beside(0.55, true, DefectLine::Bpfi).fault, Some(FaultMode::InnerRace));
+    assert_eq!(beside(0.55, false, DefectLine::Bpfo).fault, Some(FaultMode::OuterRace));
+}

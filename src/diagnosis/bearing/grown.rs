@@ -141,6 +141,7 @@ fn is_told_by_growth(doubt: Doubt) -> bool {
         | Doubt::Contested
         | Doubt::NearMultiple
         | Doubt::OfMains
+        | Doubt::OfEvents
         | Doubt::Overheard
         | Doubt::NotGrown => false,
     }

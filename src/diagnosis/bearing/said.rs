@@ -177,6 +177,15 @@ pub(super) fn of_mains(
     )
 }
 
+/// Why a line of a turning race that is no higher than the shaft's harmonics does not accuse.
+pub(super) fn of_events(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; a defect there passes the load once a turn and has side bands at the shaft's speed, and harmonics of the shaft beside it are as \
+         high: events of the shaft that elements modulate as they pass make such, cause not proven",
+        sentence(line, context)
+    )
+}
+
 /// Why a cage's line beside that of its elements does not accuse.
 pub(super) fn of_elements(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
