@@ -243,11 +243,10 @@ impl<'a> Candidate<'a> {
         self.is_deep_in_many() || self.is_deep_and_carried()
     }
 
-    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show a race's
-    /// with all its harmonics: blows ring everywhere, and what is smooth has no third harmonic.
+    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show that of the
+    /// race that turns with all its harmonics: blows ring everywhere. Sound elements pass the race at rest, and do so with harmonics, too.
     fn is_deep_in_many(&self) -> bool {
-        let is_whole = matches!(self.search.line, DefectLine::Bpfi | DefectLine::Bpfo)
-            && 2 * self.n_whole > self.n_bands;
+        let is_whole = self.search.is_of_turning_race() && 2 * self.n_whole > self.n_bands;
         self.agreed_depth >= severity::WARNING_DEPTH
             || self.is_broad() && (self.depth() >= NARROW_DEPTH || is_whole)
     }
@@ -319,13 +318,15 @@ impl<'a> Candidate<'a> {
     }
 
     /// Whether events of the shaft that elements modulate sharply as they pass may make it (C49): a line of the race that turns without side
-    /// bands at 1×, no higher than the shaft's harmonics beside it.
+    /// bands at 1×, no higher than the shaft's harmonics beside it, and not over the line at the elements' own rate, which they make as well.
     pub(super) fn is_of_events(&self) -> bool {
         let Some(best) = self.best.as_ref().filter(|_| self.search.is_of_turning_race()) else {
             return false;
         };
         let depth = best.harmonics[0].map_or(0.0, |h| h.depth);
-        !self.has_side_band() && depth <= OVER_EVENTS * best.shaft_depth
+        !self.has_side_band()
+            && depth <= OVER_EVENTS * best.shaft_depth
+            && !best.stands_over_passing()
     }
 
     /// Whether it is a cage's line of less than full modulation: as much is made by sound elements that differ, as
@@ -430,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn a_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
+    fn a_turning_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
         // D = 0.8 in one band of eight and 0.3 in the others.
         let in_bands = |line: DefectLine, n_whole: usize| {
             let mut search = search(line, 8, 0.5);
@@ -446,8 +447,8 @@ mod tests {
             assert!(candidate.is_proven() && candidate.agreed_depth < 0.31);
             candidate.is_agreed()
         };
-        assert!(in_bands(DefectLine::Bpfo, 5) && in_bands(DefectLine::Bpfi, 8));
-        assert!(!in_bands(DefectLine::Bpfo, 4) && !in_bands(DefectLine::TwoBsf, 8));
+        assert!(in_bands(DefectLine::Bpfi, 5) && !in_bands(DefectLine::Bpfi, 4));
+        assert!(!in_bands(DefectLine::Bpfo, 8) && !in_bands(DefectLine::TwoBsf, 8));
     }
 
     #[test]

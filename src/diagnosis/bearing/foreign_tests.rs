@@ -189,5 +189,10 @@ fn a_turning_race_without_its_side_bands_beside_as_high_harmonics_of_the_shaft_i
     assert!(open.why.contains("events of the shaft"), "{}", open.why);
     assert_eq!(beside(0.4, false, DefectLine::Bpfi).fault, Some(FaultMode::InnerRace));
     assert_eq!(beside(0.55, true, DefectLine::Bpfi).fault, Some(FaultMode::InnerRace));
+    // The mean of the events is modulated, too: a line at the elements' own rate goes with theirs.
+    let over = changed(search(0, DefectLine::Bpfi, 0.6), |reading| {
+        (reading.shaft_depth, reading.passing_depth) = (0.55, Some(0.2));
+    });
+    assert_eq!(judged(None, vec![over]).fault, Some(FaultMode::InnerRace));
     assert_eq!(beside(0.55, false, DefectLine::Bpfo).fault, Some(FaultMode::OuterRace));
 }

@@ -108,7 +108,7 @@ pub(super) fn strongest<'a>(
 /// How near, relative, a whole multiple of a speed that nothing confirms may be the shaft's: such speeds are read off and rounded.
 const UNSURE: f64 = 0.01;
 
-/// Whether a coupling's jaws, or vanes, may make the comb: nothing confirms the speed, and at one near by it is a multiple of the shaft's.
+/// Whether a coupling's jaws, or vanes, may make the comb (C48): nothing confirms the speed, and at one near by it is a multiple of the shaft's.
 fn is_near_multiple(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> bool {
     let order = order(comb.frequency, comb.bearing, features, context);
     let is_near = |order: f64| (order - order.round()).abs() <= UNSURE * order;
