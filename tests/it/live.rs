@@ -2,13 +2,10 @@
 //! counters, not truth.
 
 use crate::scene;
-use crate::support;
-use crate::support::Daemon;
-use crate::support::wait_until;
+use crate::support::{self, Daemon, wait_until};
 use rotorwatch::wire;
 use rotorwatch::wire::{Block, Bye, Channel, Frames, Hello, Message, SampleType, Samples, Wanted};
-use serde_json::Value;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Command, Stdio};

@@ -334,10 +334,9 @@ impl Dataset {
 }
 
 /// A float as the integer it is, if it is one that a float holds exactly.
+#[expect(clippy::cast_possible_truncation, reason = "whole and within 2^53")]
 fn whole_number(value: f64) -> Option<i64> {
-    #[expect(clippy::cast_possible_truncation, reason = "whole and within 2^53")]
-    let whole = (value.fract() == 0.0 && value.abs() <= 2.0_f64.powi(53)).then_some(value as i64);
-    whole
+    (value.fract() == 0.0 && value.abs() <= 2.0_f64.powi(53)).then_some(value as i64)
 }
 
 /// A file being written; incomplete until [`NewFile::close`].

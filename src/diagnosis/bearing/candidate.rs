@@ -27,9 +27,6 @@ const SMOOTH_POWER: f64 = 0.1;
 /// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
 const OUTDOES: f64 = 2.0;
 
-/// How much higher than the shaft's own lines a line is that no events of the shaft make, however sharply they are modulated (F12).
-const OVER_EVENTS: f64 = 1.2;
-
 /// Ways to be proven, each of which may err.
 const N_WAYS: f64 = 2.0;
 
@@ -320,13 +317,12 @@ impl<'a> Candidate<'a> {
     /// Whether events of the shaft that elements modulate sharply as they pass may make it (C49): a line of the race that turns without side
     /// bands at 1×, no higher than the shaft's harmonics beside it, and not over the line at the elements' own rate, which they make as well.
     pub(super) fn is_of_events(&self) -> bool {
-        let Some(best) = self.best.as_ref().filter(|_| self.search.is_of_turning_race()) else {
-            return false;
+        let may_be = |best: &BandReading| {
+            best.over_events() <= bearing::OVER_SHAFT && !best.stands_over_passing()
         };
-        let depth = best.harmonics[0].map_or(0.0, |h| h.depth);
-        !self.has_side_band()
-            && depth <= OVER_EVENTS * best.shaft_depth
-            && !best.stands_over_passing()
+        self.search.is_of_turning_race()
+            && !self.has_side_band()
+            && self.best.as_ref().is_some_and(may_be)
     }
 
     /// Whether it is a cage's line of less than full modulation: as much is made by sound elements that differ, as

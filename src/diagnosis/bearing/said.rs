@@ -170,7 +170,7 @@ pub(super) fn of_mains(
 ) -> String {
     let (mains, multiple) = mains.unwrap_or((Hz(0.0), 0.0));
     format!(
-        "{}; it stands at {multiple:.0}× a mains frequency of {:.0} Hz, and the machine file states no line_frequency_hz: motors and converters \
+        "{}; it stands at {multiple:.0}× a mains frequency of {:.0} Hz, and no [[motor]] of the machine file states a line_frequency_hz: motors and converters \
          hum at that rate, not accused; state it, of an inverter its output's",
         sentence(line, context),
         mains.0

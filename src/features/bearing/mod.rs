@@ -230,6 +230,10 @@ pub struct BandReading {
 /// A harmonic modulated in full has side lines of half its height: cos a·(1 + cos b).
 const FULL_MODULATION: f64 = 0.5;
 
+/// How much higher than the shaft's own lines a line is that no events of the shaft make: however sharply what passes modulates them, they
+/// have side lines no higher than themselves (F12, C49).
+pub const OVER_SHAFT: f64 = 1.2;
+
 /// The elements are taken to modulate this much deeper than the line at their rate says (6 dB): other lines may
 /// stand at the same place and against it.
 const PASSING_MARGIN: f64 = 2.0;

@@ -10,6 +10,7 @@ use super::Harmonic;
 use super::KnownLine;
 use super::LineTask;
 use super::N_HARMONICS;
+use super::OVER_SHAFT;
 use super::Searched;
 use super::carrier;
 use super::covered;
@@ -132,10 +133,6 @@ fn open_bins<'a>(
 /// Highest side band at the shaft's speed, over its line, of a defect whose load turns in part with the shaft: blows of amplitude 1 + m·cos θ
 /// have m/(1 + m²/2), 0.71 at most, and noise adds to it.
 const TURNING_LOAD: f64 = 0.8;
-
-/// How much higher than the shaft's own lines a line is that no events of the shaft make: modulated by whatever passes, those have side
-/// lines no higher than themselves.
-const OVER_SHAFT: f64 = 1.2;
 
 /// Whether a line of the race at rest or of a rolling element has higher side bands at the shaft's speed than full
 /// modulation makes (F12). `side_band_read`: those at its own spacing, for a race the shaft's speed.
