@@ -138,6 +138,9 @@ const WRITTEN: f64 = 0.85;
 /// Nominal speeds may be moved this far, relative.
 pub const REFINE_RANGE: f64 = 0.03;
 
+/// Relative error of a speed that came with the record and that nothing in it confirms.
+pub const TOLD_TO: f64 = 3e-3;
+
 /// A move of more than this makes the source `estimated`.
 pub(super) const MOVED: f64 = 1e-3;
 

@@ -19,6 +19,16 @@ use crate::units::Unit;
 /// Part of the energy from which blows count: blows that kept a rate would have lines twice as deep (S1), which accuse.
 pub(super) const PART: f64 = severity::WARNING_DEPTH / 2.0;
 
+/// Part from which they count in this window: half of it where nothing confirms the speed, as lines half as deep as accuse do not acquit (C42), for
+/// they may keep the rate of a speed that is another, or changes.
+fn part(features: &WindowFeatures) -> f64 {
+    if features.speed.is_unconfirmed() { PART / 2.0 } else { PART }
+}
+
+/// What is said of them where the speed is why they count.
+const SPEED_NOT_CONFIRMED: &str =
+    ", and a defect if the speed, which nothing confirms, is another or changes";
+
 /// Leaves bearings open that would be acquitted beside blows that nothing explains (C37).
 pub(super) fn reopen(
     verdicts: &mut [ComponentDiagnosis],
@@ -59,13 +69,14 @@ fn why_open(
         .impulses
         .iter()
         .filter(listens)
-        .filter(|heard| heard.unexplained() >= PART && is_new(heard))
+        .filter(|heard| heard.unexplained() >= part(features) && is_new(heard))
         .max_by(|a, b| a.unexplained().total_cmp(&b.unexplained()))?;
     Some(format!(
         "{:.0} % of the energy in a quarter of the bands of {} comes in blows that neither a shaft's speed nor a defect's rate \
-         explains: elements that slip strike so, and so may something beside the bearing; {}",
+         explains: elements that slip strike so, and so may something beside the bearing{}; {}",
         100.0 * most.unexplained(),
         context.channel_name(most.channel),
+        if most.unexplained() < PART { SPEED_NOT_CONFIRMED } else { "" },
         match over_baseline(most, context) {
             Some(_) => "more than in the baseline",
             None => "a baseline that knows them would tell",
@@ -81,7 +92,11 @@ fn over_baseline(heard: &Impulses, context: &Context<'_>) -> Option<f64> {
 }
 
 /// The blows of the bearing's channels, for the record.
-pub(super) fn evidence(heard: &Impulses, context: &Context<'_>) -> Evidence {
+pub(super) fn evidence(
+    heard: &Impulses,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Evidence {
     Evidence {
         indicator: "impulsive_part".to_owned(),
         channel: context.channel_name(heard.channel).to_owned(),
@@ -91,7 +106,7 @@ pub(super) fn evidence(heard: &Impulses, context: &Context<'_>) -> Evidence {
         order: None,
         value: heard.unexplained(),
         unit: Unit::One,
-        threshold: Some(PART),
+        threshold: Some(part(features)),
         false_alarm_probability: None,
         sample_range: Some(heard.sample_range),
     }

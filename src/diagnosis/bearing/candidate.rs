@@ -47,7 +47,7 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
-    /// Bands that show it with all its harmonics.
+    /// Bands that show it with all its harmonics, of the race at rest in noise.
     n_whole: usize,
     /// Bands that show it at the probability at which a line counts as there.
     n_noted: usize,
@@ -174,7 +174,7 @@ impl<'a> Candidate<'a> {
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
-            n_whole: showing.iter().filter(|r| r.is_whole()).count(),
+            n_whole: showing.iter().filter(|r| is_whole(r, search)).count(),
             n_noted,
             side_band_of: carrier_of(&showing).filter(|_| search.line != DefectLine::Ftf),
             broad_probability: paid(MOST),
@@ -240,10 +240,11 @@ impl<'a> Candidate<'a> {
         self.is_deep_in_many() || self.is_deep_and_carried()
     }
 
-    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show that of the
-    /// race that turns with all its harmonics: blows ring everywhere. Sound elements pass the race at rest, and do so with harmonics, too.
+    /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show a race's with
+    /// all its harmonics ([`is_whole`]): blows ring everywhere.
     fn is_deep_in_many(&self) -> bool {
-        let is_whole = self.search.is_of_turning_race() && 2 * self.n_whole > self.n_bands;
+        let is_race = matches!(self.search.line, DefectLine::Bpfi | DefectLine::Bpfo);
+        let is_whole = is_race && 2 * self.n_whole > self.n_bands;
         self.agreed_depth >= severity::WARNING_DEPTH
             || self.is_broad() && (self.depth() >= NARROW_DEPTH || is_whole)
     }
@@ -308,6 +309,12 @@ impl<'a> Candidate<'a> {
         self.search.line == DefectLine::TwoBsf && !owner::has_side_bands(self.search, frequency)
     }
 
+    /// Whether it is a turning race's line without side bands at the shaft's speed where faint ones would be seen (C50).
+    pub(super) fn is_unturned(&self) -> bool {
+        let best = self.best.as_ref();
+        best.is_some_and(|best| owner::is_unturned(self.search, best.frequency))
+    }
+
     /// Whether a side band at the spacing of its own stands beside it, in the reading that tells most.
     pub(super) fn has_side_band(&self) -> bool {
         let side = self.best.as_ref().and_then(|best| best.side_band);
@@ -335,6 +342,12 @@ impl<'a> Candidate<'a> {
     fn least_depth(&self) -> f64 {
         self.depth() * bearing::least_part(self.power_ratio())
     }
+}
+
+/// Whether a band shows a line with all its harmonics, and that of the race at rest over noise (F30): sound elements that pass it do so with
+/// harmonics, too, and what they lack is force, which the depth tells only as a part of what else is heard.
+fn is_whole(reading: &BandReading, search: &LineSearch) -> bool {
+    reading.is_whole() && (!search.is_at_rest || reading.is_in_noise(search.duration_s()))
 }
 
 /// The line that most of these bands show higher than theirs, a side band's distance away (C40).
@@ -427,13 +440,14 @@ mod tests {
     }
 
     #[test]
-    fn a_turning_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
+    fn a_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
         // D = 0.8 in one band of eight and 0.3 in the others.
-        let in_bands = |line: DefectLine, n_whole: usize| {
+        let in_bands = |line: DefectLine, n_whole: usize, power_ratio: f64| {
             let mut search = search(line, 8, 0.5);
             for (i, reading) in search.outcome.iter_mut().flatten().enumerate() {
                 let height = if i == 0 { 0.4 } else { 0.15 };
-                let harmonic = reading.harmonics[0].map(|h| Harmonic { depth: height, ..h });
+                let own = |h| Harmonic { depth: height, power_ratio, ..h };
+                let harmonic = reading.harmonics[0].map(own);
                 reading.harmonics = [harmonic; bearing::N_HARMONICS];
                 if i >= n_whole {
                     reading.harmonics[2] = None;
@@ -443,8 +457,10 @@ mod tests {
             assert!(candidate.is_proven() && candidate.agreed_depth < 0.31);
             candidate.is_agreed()
         };
-        assert!(in_bands(DefectLine::Bpfi, 5) && !in_bands(DefectLine::Bpfi, 4));
-        assert!(!in_bands(DefectLine::Bpfo, 8) && !in_bands(DefectLine::TwoBsf, 8));
+        assert!(in_bands(DefectLine::Bpfi, 5, 900.0) && !in_bands(DefectLine::Bpfi, 4, 900.0));
+        assert!(in_bands(DefectLine::Bpfo, 5, 900.0) && !in_bands(DefectLine::TwoBsf, 8, 900.0));
+        // 0.15²·B·T is 1125: of as much and more without noise, sound elements that pass have it.
+        assert!(in_bands(DefectLine::Bpfi, 8, 1e4) && !in_bands(DefectLine::Bpfo, 8, 1e4));
     }
 
     #[test]

@@ -20,6 +20,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::features::speed::REFINE_RANGE;
 use crate::features::speed::SpeedSource;
+use crate::features::speed::TOLD_TO;
 use crate::machine::BearingIndex;
 use crate::units::Hz;
 
@@ -48,6 +49,8 @@ pub(super) enum Doubt {
     Unplaced,
     /// A rolling element's line without the side bands of the cage.
     Bare,
+    /// A turning race's line without side bands at the shaft's speed (C50).
+    Unturned,
     /// A cage's line that unequal elements make as well.
     Carried,
     /// A cage's line beside which no race of the bearing shows it.
@@ -148,6 +151,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::NearMultiple)
     } else if mains::of_mains(line, seen).is_some() {
         Says::Doubt(Doubt::OfMains)
+    } else if line.is_unturned() && is_spacing_told(line, seen) {
+        Says::Doubt(Doubt::Unturned)
     } else if line.is_of_events() {
         Says::Doubt(Doubt::OfEvents)
     } else if line.is_overheard(seen.accepted) {
@@ -179,6 +184,7 @@ pub(super) fn why_open(
     let doubts = doubts.iter().filter(|(doubt, line)| match doubt {
         Doubt::Unplaced
         | Doubt::Bare
+        | Doubt::Unturned
         | Doubt::Carried
         | Doubt::Lone
         | Doubt::OfElements
@@ -196,6 +202,7 @@ pub(super) fn why_open(
     let first = doubts.min_by_key(|(doubt, _)| *doubt).map(|(doubt, line)| match doubt {
         Doubt::Unplaced => said::unplaced(line, &elsewhere(line, seen), seen.context),
         Doubt::Bare => said::without_cage(line, seen.context),
+        Doubt::Unturned => said::unturned(line, seen.context),
         Doubt::Carried => said::carried(line, seen.context),
         Doubt::Lone => said::lone(line, seen.context),
         Doubt::OfElements => said::of_elements(line, seen.context),
@@ -363,6 +370,14 @@ fn is_near_multiple(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     speed.source == Some(SpeedSource::Machine)
         && speed.is_unconfirmed()
         && (frequency_hz - multiple * shaft_hz).abs() <= unsure_hz
+}
+
+/// Whether the speed tells where side bands at 1× lie to the half of 1/T within which they are read (C50).
+fn is_spacing_told(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
+    let speed = &seen.features.speed;
+    let is_near = TOLD_TO * line.search.shaft_speed.0 <= 0.25 * line.search.resolution.0;
+    let came_with_record = speed.source != Some(SpeedSource::Machine) && speed.confidence > 0.0;
+    !speed.is_unconfirmed() || came_with_record && is_near
 }
 
 /// Whether sound elements that pass may make it: smooth, a tone's modulation, or in the healthy machine's absolute vibration as strongly.

@@ -49,7 +49,7 @@ pub(super) fn evidence(
     found.extend(absolute.map(|l| absolute_evidence(l, features, context)));
     let is_heard = |channel| candidates.iter().any(|c| c.search.channel == channel);
     let heard = features.impulses.iter().filter(|heard| is_heard(heard.channel));
-    found.extend(heard.map(|heard| blows::evidence(heard, context)));
+    found.extend(heard.map(|heard| blows::evidence(heard, features, context)));
     let combs = features.combs.iter().filter(|c| c.bearing == bearing);
     found.extend(combs.map(|c| struck::evidence(c, features, context)));
     found

@@ -9,7 +9,9 @@ use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::bearing::BandReading;
 use crate::features::bearing::DefectLine;
+use crate::features::bearing::Harmonic;
 use crate::features::bearing::LineSearch;
+use crate::features::bearing::Searched;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
 use crate::units::Hz;
@@ -103,6 +105,41 @@ fn near_a_multiple_of_a_name_plates_speed_that_nothing_confirms_nobody_is_accuse
     // Side bands tell the spacing to the resolution of 0.2 Hz, its fifth harmonic to five times that.
     let near = at(SpeedSource::Machine, 5.03, with_side_band);
     assert_eq!(near.state, State::Undetermined, "{}", near.why);
+}
+
+#[test]
+fn a_turning_race_is_not_accused_without_side_bands_where_they_would_be_seen() {
+    // A tenth of the line's height is a hundredth of its power.
+    let beside = |line: DefectLine, line_power: f64, side_power: f64| {
+        judged(
+            None,
+            vec![changed(search(0, line, 0.6), |reading| {
+                for harmonic in reading.harmonics.iter_mut().flatten() {
+                    harmonic.power_ratio = line_power;
+                }
+                let own = reading.harmonics[0];
+                reading.side_band = own.map(|h| Harmonic {
+                    power_ratio: side_power,
+                    searched: Searched::largest(6.0, 2.0),
+                    ..h
+                });
+            })],
+        )
+    };
+    let open = beside(DefectLine::Bpfi, 1e4, 1.0);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("passes the load once a turn"), "{}", open.why);
+    let accused = [
+        beside(DefectLine::Bpfi, 1e4, 100.0),
+        // Noise would hide them.
+        beside(DefectLine::Bpfi, 400.0, 1.0),
+    ];
+    for verdict in accused {
+        assert_eq!(verdict.fault, Some(FaultMode::InnerRace), "{}", verdict.why);
+    }
+    // The race at rest meets the same load on each turn.
+    let at_rest = beside(DefectLine::Bpfo, 1e4, 1.0);
+    assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
 }
 
 /// A line that so many of eight bands show, and one finds as deep as matters.

@@ -134,6 +134,7 @@ fn is_told_by_growth(doubt: Doubt) -> bool {
     match doubt {
         Doubt::Unplaced | Doubt::Smooth | Doubt::OfTone | Doubt::NearLimit => true,
         Doubt::Bare
+        | Doubt::Unturned
         | Doubt::Carried
         | Doubt::Lone
         | Doubt::OfElements

@@ -96,7 +96,8 @@ fn reopen(
     if verdicts.iter().all(|verdict| verdict.state != State::Healthy) {
         return;
     }
-    let speed = Speed { first: Some(other.first), ..features.speed.clone() };
+    // Nothing tells it, nor where side bands would lie.
+    let speed = Speed { first: Some(other.first), confidence: 0.0, ..features.speed.clone() };
     let bearing_lines = other.lines.clone();
     // What a baseline could say of them is of the speed at which they were read.
     let (absolute_lines, combs, channels) = (Vec::new(), Vec::new(), Vec::new());

@@ -23,7 +23,6 @@ pub(super) fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<Strin
     let proven = readable.map(|s| Candidate::weigh(s, &[], looks)).filter(Candidate::is_proven);
     let would_accuse = |line: &Candidate<'_>| {
         line.is_surely_deep()
-            && line.is_agreed()
             && !line.is_bare()
             && !line.is_carried()
             && !is_turned(line)

@@ -54,6 +54,15 @@ pub(super) fn without_cage(line: &Candidate<'_>, context: &Context<'_>) -> Strin
     )
 }
 
+/// Why a turning race's line without side bands at the shaft's speed does not accuse.
+pub(super) fn unturned(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; a defect there passes the load once a turn and has side bands at the shaft's speed, which would be seen here: what the machine \
+         file does not list may make such a line, not accused",
+        sentence(line, context)
+    )
+}
+
 /// Why a cage's line does not accuse.
 pub(super) fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(

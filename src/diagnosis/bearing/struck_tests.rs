@@ -151,6 +151,21 @@ fn blows_that_nothing_explains_leave_a_bearing_open() {
 }
 
 #[test]
+fn at_a_speed_that_nothing_confirms_half_of_such_blows_leave_a_bearing_open() {
+    let of_a = |part: f64, confidence: f64| {
+        let source = Some(SpeedSource::Capture);
+        let speed = Speed { source, confidence, ..Speed::unknown() };
+        let heard = blows(0, part, false);
+        judged_at(speed, 1.0, Vec::new(), (Vec::new(), Vec::new(), vec![heard])).remove(0)
+    };
+    let open = of_a(0.13, 0.85);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("the speed, which nothing confirms"), "{}", open.why);
+    assert_eq!(of_a(0.12, 0.85).state, State::Healthy);
+    assert_eq!(of_a(0.13, 0.98).state, State::Healthy, "a harmonic confirms it");
+}
+
+#[test]
 fn blows_that_were_there_in_good_health_acquit() {
     let of_b = |part: f64| struck_at_no_rate(1, part, Vec::new(), 0.0).remove(1);
     // √(η/(1 − η)) was 0.5; twice that is η = ½.

@@ -61,9 +61,11 @@ fn highest<'a>(
     Some((at, n_bins, nearest(Hz(at as f64 * spectrum.bin_hz), task)?))
 }
 
-/// Depth of the deeper of the lines beside a known one in its series.
+/// Depth of the deeper of the lines beside a known one in its series: of the next but one where the line is a turning race's, whose side bands
+/// at the shaft's speed lie at the next.
 fn beside(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, known: &KnownLine) -> f64 {
-    let places = [-1.0, 1.0].map(|side| known.frequency.0 + side * known.spacing.0);
+    let away = if task.sum_of_races.is_some() { 2.0 } else { 1.0 };
+    let places = [-away, away].map(|side| known.frequency.0 + side * known.spacing.0);
     let places = places.into_iter().filter(|hz| *hz > task.resolution.0);
     places.map(|hz| read::depth_at(spectrum, hz)).fold(0.0, f64::max)
 }
@@ -76,6 +78,8 @@ pub(super) struct Told {
     /// Its bin.
     pub(super) at: usize,
     pub(super) harmonic: Harmonic,
+    /// Rate of the known line.
+    pub(super) known: Hz,
 }
 
 /// The lowest harmonic that tells the highest line of the range from a known one within the resolution of it (F5): h times as far from that
@@ -102,7 +106,12 @@ pub(super) fn told_apart(
             return None;
         }
         let harmonic = read::measure(spectrum, task, at, Searched::peaks(h * n_bins), scratch)?;
-        read::stands_out(harmonic).then_some(Told { multiple, at, harmonic })
+        read::stands_out(harmonic).then_some(Told {
+            multiple,
+            at,
+            harmonic,
+            known: known.frequency,
+        })
     })
 }
 

@@ -11,10 +11,8 @@ use super::read::peak;
 use super::read::stands_out;
 use super::read::strongest_peak;
 use super::slower::equal_line;
+use crate::features::speed::TOLD_TO;
 use crate::units::Hz;
-
-/// Relative error of a speed that is told but not measured.
-const SPEED_TOLD_TO: f64 = 3e-3;
 
 /// Whether a line half as deep stands as far on the other side of the nearest shaft harmonic, where no side band of its own belongs: events of the
 /// shaft whose strength or rate swings have lines to both sides, a defect's rate is its own. The harmonic is where the speed says, or the highest
@@ -44,7 +42,7 @@ pub(super) fn is_mirrored(
 
 /// Where the highest line stands near a harmonic of the shaft, Hz.
 fn highest_near(spectrum: &DepthSpectrum<'_>, shaft_hz: f64) -> Option<f64> {
-    let reach_hz = SPEED_TOLD_TO * shaft_hz;
+    let reach_hz = TOLD_TO * shaft_hz;
     let bins = [shaft_hz - reach_hz, shaft_hz + reach_hz].map(|hz| bin_at(hz, spectrum.bin_hz));
     let at = strongest_peak(spectrum, bins[0]..=bins[1])?;
     Some(peak(spectrum.depth, at).0 * spectrum.bin_hz)

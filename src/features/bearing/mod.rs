@@ -9,6 +9,7 @@
 mod carrier;
 mod covered;
 mod mirrored;
+mod noise;
 mod read;
 mod slower;
 
@@ -395,10 +396,16 @@ impl LineSearch {
         !self.is_at_rest && matches!(self.line, DefectLine::Bpfi | DefectLine::Bpfo)
     }
 
+    /// Length of the window, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        targets::HANN_LOBE / self.resolution.0
+    }
+
     /// Revolutions of the bearing's shaft in the window.
     #[must_use]
     pub fn revolutions(&self) -> f64 {
-        targets::HANN_LOBE / self.resolution.0 * self.shaft_speed.0
+        self.duration_s() * self.shaft_speed.0
     }
 
     /// Depth of the fundamental, or of what noise leaves in its place, that a quarter of the bands reach (F27): what baselines and trends hold.

@@ -100,7 +100,8 @@ pub fn read_line(
     let is_shaft_product =
         is_shaft_product(spectrum, task, (told_hz, fundamental.depth), side_band, scratch);
     let is_mirrored = is_mirrored(spectrum, task, (told_hz, fundamental, multiple), scratch);
-    let slower = slower_rate(spectrum, task, (frequency, fundamental), scratch);
+    let apart_from = told.map(|told| told.known);
+    let slower = slower_rate(spectrum, task, (frequency, fundamental), apart_from, scratch);
     Some(BandReading {
         band,
         frequency: Hz(frequency),

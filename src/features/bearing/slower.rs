@@ -58,11 +58,13 @@ const SHARP: f64 = 0.9;
 const HANN_LOBE: f64 = 2.0;
 
 /// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
-/// least half as deep. Half the rate of a rolling element's line is its own: one race struck.
+/// least half as deep. Half the rate of a rolling element's line is its own: one race struck. A known line that the line is told `apart_from`
+/// by a harmonic has its own submultiples: what stands rather there is none of the line's.
 pub(super) fn slower_rate(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
     (frequency_hz, fundamental): (f64, Harmonic),
+    apart_from: Option<Hz>,
     scratch: &mut Vec<f32>,
 ) -> Option<Hz> {
     let wander = if is_sharp(spectrum, task, (frequency_hz, fundamental)) { 0.0 } else { WANDER };
@@ -74,7 +76,10 @@ pub(super) fn slower_rate(
         let at = strongest_peak(spectrum, centre.saturating_sub(reach)..=centre + reach)?;
         let (place, height) = peak(spectrum.depth, at);
         let slower_hz = place * spectrum.bin_hz;
-        let is_multiple = (multiple * slower_hz - frequency_hz).abs() <= tolerance_hz;
+        let apart_hz = (multiple * slower_hz - frequency_hz).abs();
+        let is_known_ones =
+            apart_from.is_some_and(|known| (multiple * slower_hz - known.0).abs() < apart_hz);
+        let is_multiple = apart_hz <= tolerance_hz && !is_known_ones;
         let is_equal = is_multiple && height >= EQUAL_HEIGHT * fundamental.depth;
         let bins = 2.0 * reach as f64 + 1.0;
         let found =

@@ -444,6 +444,26 @@ fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
 }
 
 #[test]
+fn side_bands_of_a_turning_race_are_no_events_of_the_shaft_it_is_told_from() {
+    let series = shaft_series();
+    let read = |sum_of_races: Option<Hz>, others: &[(f64, f64)]| {
+        // The shaft itself modulates what is struck.
+        let strikes = [(33.0, 0.35), (65.85, 0.6), (98.85, 0.8), (132.0, 0.5), (197.7, 0.6)];
+        let depth = spectrum_of(&[&strikes, others].concat(), 0.05);
+        let task = LineTask { sum_of_races, ..task(&series) };
+        read_line(&of_ten_seconds(&depth), BAND, &task, &mut Vec::new()).unwrap()
+    };
+    let turning = Some(Hz(165.0));
+    let told = read(turning, &[]);
+    assert!((told.frequency.0 - 98.85).abs() < 0.02, "{}", told.frequency.0);
+    // A third of it is nearer to the shaft's speed: what stands there is that.
+    assert_eq!(told.slower, None);
+    let is_told = |reading: &BandReading| (reading.frequency.0 - 98.85).abs() < 0.02;
+    assert!(!is_told(&read(None, &[])), "a race at rest has none");
+    assert!(!is_told(&read(turning, &[(165.0, 0.5)])), "the next but one is the shaft's");
+}
+
+#[test]
 fn side_bands_at_the_cages_rate_are_read_beside_a_races_line_that_stands_out() {
     let read = |depth: f64, cage_spacing: Option<Hz>| {
         let depth = spectrum_of(&[(98.9, depth), (98.9 - 11.0, 0.2), (98.9 + 11.0, 0.1)], 0.05);

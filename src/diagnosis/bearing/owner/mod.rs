@@ -81,6 +81,12 @@ pub(super) fn has_side_bands(search: &LineSearch, frequency: Hz) -> bool {
     side_bands(search, frequency) == SideBands::Stand
 }
 
+/// Whether it is a line found at `frequency` of the race that turns without side bands at the shaft's speed where faint ones would be seen: a defect
+/// there goes through the load once a turn.
+pub(super) fn is_unturned(search: &LineSearch, frequency: Hz) -> bool {
+    search.is_of_turning_race() && side_bands(search, frequency) == SideBands::Absent
+}
+
 /// Whether side bands at the cage's rate, seen from its race, stand beside a race's line found at `frequency`.
 pub(super) fn has_cage_bands(search: &LineSearch, frequency: Hz) -> bool {
     bands_beside(search, frequency, |r| r.cage_band) == SideBands::Stand
@@ -135,16 +141,15 @@ fn bands_beside(
     }
 }
 
-/// The lines of other bearings one of which a race's line may be instead (C44): a race at rest, if this one turns and shows no side bands at
-/// 1× where faint ones would be seen, for it goes through the load once a turn; or rolling elements with side bands at FTF at their own sensor.
+/// The lines of other bearings one of which a race's line may be instead (C44): a race at rest, if this one is unturned ([`is_unturned`]); or
+/// rolling elements with side bands at FTF at their own sensor.
 pub(super) fn contenders<'a>(
     search: &LineSearch,
     frequency: Hz,
     features: &'a WindowFeatures,
 ) -> Vec<&'a LineSearch> {
     let is_race = matches!(search.line, DefectLine::Bpfi | DefectLine::Bpfo);
-    let is_unturned =
-        search.is_of_turning_race() && side_bands(search, frequency) == SideBands::Absent;
+    let is_unturned = is_unturned(search, frequency);
     let elsewhere = features.bearing_lines.iter().filter(|s| s.bearing != search.bearing);
     let is_carried =
         |s: &LineSearch| is_race && s.line == DefectLine::TwoBsf && has_side_bands(s, frequency);
