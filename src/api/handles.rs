@@ -147,6 +147,25 @@ pub struct IngestView {
     pub n_senders: usize,
     /// The channels of the stream, in its order.
     pub channels: Vec<ChannelStatus>,
+    /// UTC now.
+    pub at: Timestamp,
+}
+
+impl IngestView {
+    /// Of the clocks of the channels that whose drift is greatest, parts in a million; `None`: too little is known.
+    #[must_use]
+    pub fn drift_ppm(&self) -> Option<f64> {
+        let drifts = self.channels.iter().filter_map(|channel| Some(channel.clock?.ppm));
+        drifts.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+    }
+
+    /// How long before now the newest sample was taken by the clocks of the senders, s, below 0: after it; `None`: no sender
+    /// states times.
+    #[must_use]
+    pub fn sample_age_s(&self) -> Option<f64> {
+        let newest = self.channels.iter().filter_map(|channel| channel.stated_until).max()?;
+        Some((i128::from(self.at.0) - i128::from(newest.0)) as f64 * 1e-9)
+    }
 }
 
 /// Tells how the live senders of a machine are doing.
@@ -200,6 +219,8 @@ pub struct ReceiverView {
     pub failure: Option<String>,
     /// When it last took one, UTC, since the start.
     pub last_delivered: Option<Timestamp>,
+    /// When the oldest transition that waits was stored, UTC.
+    pub waiting_since: Option<Timestamp>,
 }
 
 /// A receiver of notifications.
@@ -238,6 +259,32 @@ impl std::fmt::Debug for EventsHandle {
     }
 }
 
+/// What a part of the store takes on the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PartSize {
+    /// `alarms`, `trends`, `recordings` or `captures`.
+    pub name: &'static str,
+    /// Bytes, logs of databases included; `None`: the part is off.
+    pub bytes: Option<u64>,
+    /// Bytes at which its oldest files are removed; `None`: it has no such limit.
+    pub limit_bytes: Option<u64>,
+    /// Growth since the first look, bytes a day, without logs and less what was removed; `None`: too short a time.
+    pub growth_bytes_per_day: Option<f64>,
+    /// Days until the limit is reached if it goes on so, 0 where it is; `None`: unknown, or never.
+    pub days_to_limit: Option<f64>,
+}
+
+/// What the parts of the store take on the disk, as of the newest look.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StoreSizes {
+    /// Time between the first look, at the start of the daemon, and the newest, s.
+    pub measured_s: f64,
+    /// The parts; none before the first look.
+    pub parts: Vec<PartSize>,
+    /// Bytes that are free on the disk; `None`: unknown.
+    pub free_bytes: Option<u64>,
+}
+
 /// The history of trends, as the API sees it.
 #[derive(Clone)]
 pub struct TrendHandle {
@@ -247,6 +294,8 @@ pub struct TrendHandle {
     pub status: Arc<Status>,
     /// What it takes on the disk.
     pub holdings: watch::Receiver<Holdings>,
+    /// What all parts of the store take there.
+    pub sizes: watch::Receiver<StoreSizes>,
 }
 
 impl std::fmt::Debug for TrendHandle {
@@ -286,5 +335,40 @@ impl MachineHandle {
 impl std::fmt::Debug for MachineHandle {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("MachineHandle").field("machine", &self.id).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ingest::live::drift::Estimate;
+    use crate::ingest::live::ledger::Ledger;
+    use crate::signal::ChannelIndex;
+
+    fn view(channels: &[(Option<f64>, Option<i64>)]) -> IngestView {
+        let status = |(ppm, until): &(Option<f64>, Option<i64>)| ChannelStatus {
+            name: "x".to_owned(),
+            channel: ChannelIndex(0),
+            ledger: Ledger::default(),
+            counted_since: Timestamp(0),
+            clock: ppm.map(|ppm| Estimate { ppm, span_s: 60.0 }),
+            stated_until: until.map(Timestamp),
+            rate_hz: 1e4,
+            sender: None,
+        };
+        let channels = channels.iter().map(status).collect();
+        IngestView { n_senders: 1, channels, at: Timestamp(9_000_000_000) }
+    }
+
+    #[test]
+    fn of_clocks_the_worst_is_told_and_of_samples_the_newest() {
+        let seconds = |s: i64| Some(s * 1_000_000_000);
+        let two = view(&[(Some(20.0), seconds(4)), (Some(-35.0), seconds(7)), (None, None)]);
+        assert_eq!(two.drift_ppm(), Some(-35.0));
+        assert!((two.sample_age_s().unwrap() - 2.0).abs() < 1e-9);
+        let ahead = view(&[(None, seconds(12))]);
+        assert!((ahead.sample_age_s().unwrap() + 3.0).abs() < 1e-9, "its clock is ahead");
+        let silent = view(&[(None, None)]);
+        assert_eq!((silent.drift_ppm(), silent.sample_age_s()), (None, None));
     }
 }

@@ -39,6 +39,7 @@ mod events;
 mod live;
 mod audit;
 mod service;
+mod system;
 mod simulation;
 mod ingest;
 mod baselines;
@@ -100,7 +101,7 @@ fn routes() -> OpenApiRouter<Shared> {
     OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(service::readyz))
         .routes(routes!(service::metrics))
-        .routes(routes!(service::system))
+        .routes(routes!(system::system))
         .routes(routes!(service::log))
         .routes(routes!(service::openapi_json))
         .routes(routes!(machines::list))

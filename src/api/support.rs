@@ -439,6 +439,7 @@ pub(crate) fn sample_view(engine: &AlarmEngine) -> MachineView {
         alarms: Arc::new(engine.standing()),
         advance: engine.advance().into(),
         queue_bytes: 0,
+        queue_wait_s: Some(0.25),
         dropped: (0, 0),
     }
 }

@@ -70,6 +70,8 @@ pub struct MachineView {
     pub alarm_load: Load,
     /// Blocks waiting in the shard's queue, bytes.
     pub queue_bytes: usize,
+    /// How long the newest block waited there, s; `None`: none has come.
+    pub queue_wait_s: Option<f64>,
     /// Blocks dropped because the queue was full, and their samples.
     pub dropped: (u64, u64),
 }

@@ -136,6 +136,7 @@ impl KeeperPlan {
             if status.n_stored() != n_stored {
                 let took = super::now().saturating_duration_since(begun);
                 metrics.commit_s.observe(took.as_secs_f64());
+                status.note_commit(super::wall_clock(), took.as_secs_f64());
             }
             metrics.stored.inc_by(status.n_stored() - n_stored);
             // What is refused is told too.

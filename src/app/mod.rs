@@ -14,6 +14,7 @@ pub mod link;
 pub mod trend;
 mod trouble;
 mod room;
+mod sizes;
 pub mod keeper;
 pub mod trending;
 mod alarming;

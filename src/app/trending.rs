@@ -4,6 +4,8 @@
 //! minute is in memory; a kill loses it, which shows as a gap.
 
 use super::room::Room;
+use super::sizes::Sizes;
+use super::sizes::Taken;
 use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::past::PastStream;
@@ -100,6 +102,8 @@ pub struct TrendPlan {
     pub(super) room: Option<Room>,
     /// Other limits than those of the start.
     pub(super) limits: NewLimits,
+    /// Looks at what everything in the store takes.
+    sizes: Option<Sizes>,
 }
 
 impl std::fmt::Debug for TrendPlan {
@@ -139,10 +143,12 @@ pub(super) fn open(
     if needed_bytes > limit_bytes {
         return Err(StartError::Trends { n_channels, needed, limit_bytes });
     }
-    let (keeper, plan, holdings) = join(Box::new(store), budget, metrics.trends());
+    let (keeper, mut plan, holdings) = join(Box::new(store), budget, metrics.trends());
     let archive = Arc::new(SqliteTrendArchive::new(directory));
     let status = Arc::clone(&keeper.status);
-    Ok((keeper, plan, TrendHandle { archive, status, holdings }))
+    let (measured, sizes) = Sizes::new(config, metrics);
+    plan.sizes = Some(measured);
+    Ok((keeper, plan, TrendHandle { archive, status, holdings, sizes }))
 }
 
 /// Bytes that recordings keep whatever trends take.
@@ -182,8 +188,18 @@ pub(super) fn join(
     };
     let room = None;
     let limits = NewLimits::default();
-    let minutes = inbox;
-    let plan = TrendPlan { store, minutes, bytes, status, budget, holdings, metrics, room, limits };
+    let plan = TrendPlan {
+        store,
+        minutes: inbox,
+        bytes,
+        status,
+        budget,
+        holdings,
+        metrics,
+        room,
+        limits,
+        sizes: None,
+    };
     (keeper, plan, view)
 }
 
@@ -203,8 +219,8 @@ impl TrendKeeper {
 impl TrendPlan {
     /// Writes until every sender is gone and everything is written.
     pub fn run(self, stop: &Stop) {
-        let Self { store, minutes, bytes, status, mut budget, holdings, metrics, room, limits } =
-            self;
+        let Self { store, minutes, bytes, status, mut budget, holdings, .. } = self;
+        let Self { metrics, room, limits, mut sizes, .. } = self;
         let mut queue = Queue::new(store, &status);
         let mut prune_at = super::now();
         let (mut is_over, mut has_more) = (false, false);
@@ -246,6 +262,9 @@ impl TrendPlan {
                     metrics.files.set(count(held.n_files));
                     metrics.set_aside.set(count(held.n_set_aside));
                     holdings.send_replace(held);
+                    if let Some(sizes) = &mut sizes {
+                        sizes.look(&budget.taken(held), super::now());
+                    }
                 }
             }
             metrics.stored.inc_by(status.n_stored() - n_stored);
@@ -261,6 +280,18 @@ impl TrendPlan {
 }
 
 impl Budget {
+    /// What trends and recordings take of it.
+    fn taken(&self, trends: Holdings) -> Taken {
+        let recordings = self.recordings.as_ref();
+        Taken {
+            trends,
+            trends_limit: self.max_bytes.saturating_sub(self.for_recordings),
+            recordings: recordings
+                .map(|store| store.lock().unwrap_or_else(PoisonError::into_inner).bytes()),
+            recordings_limit: self.max_bytes.saturating_sub(trends.bytes),
+        }
+    }
+
     /// Lets recordings give way to trends, and trends to the limit.
     fn prune(&self, store: &mut dyn TrendStore, now: Timestamp) -> Holdings {
         let held = store.prune(now, self.max_bytes.saturating_sub(self.for_recordings));

@@ -52,6 +52,16 @@ pub struct Status {
     unstored: Mutex<Unstored>,
     /// Of each machine the highest number of a transition that is stored.
     stored_until: Mutex<BTreeMap<String, u64>>,
+    pace: Mutex<Pace>,
+}
+
+/// How far the store is behind what happens.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pace {
+    /// When the oldest event happened that is being written or waits because the store refuses, UTC; `None`: none does.
+    pub waiting_since: Option<Timestamp>,
+    /// When the newest commit was over, UTC, and how long it took, s; `None`: there was none since the start.
+    pub committed: Option<(Timestamp, f64)>,
 }
 
 /// Transitions that the store refused, in their order, with numbers that rise.
@@ -76,6 +86,23 @@ impl Status {
     pub fn stored_until(&self, machine: &str) -> u64 {
         let stored = self.stored_until.lock().unwrap_or_else(PoisonError::into_inner);
         stored.get(machine).copied().unwrap_or(0)
+    }
+
+    /// How far the store is behind.
+    #[must_use]
+    pub fn pace(&self) -> Pace {
+        *self.pace.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes that a commit was over `at`, UTC, and took so long, s.
+    pub fn note_commit(&self, at: Timestamp, took_s: f64) {
+        let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        pace.committed = Some((at, took_s));
+    }
+
+    /// Notes when the oldest event that is not stored happened, UTC.
+    fn set_waiting_since(&self, since: Option<Timestamp>) {
+        self.pace.lock().unwrap_or_else(PoisonError::into_inner).waiting_since = since;
     }
 
     /// Notes that a batch is stored.
@@ -225,6 +252,7 @@ impl<'s> Writer<'s> {
         if self.waiting.is_empty() {
             return Ok(());
         }
+        self.status.set_waiting_since(self.oldest());
         let done = self.store.keep(self.waiting.make_contiguous());
         let answer = done.map_err(|error| with_causes(&error));
         match &answer {
@@ -248,12 +276,18 @@ impl<'s> Writer<'s> {
             }
         }
         self.status.n_waiting.store(self.n_waiting as u64, Ordering::Relaxed);
+        self.status.set_waiting_since(self.oldest());
         let mut failure = self.status.lock();
         if answer.is_ok() && failure.is_some() {
             tracing::warn!("the store has recovered, what waited is stored");
         }
         *failure = answer.clone().err();
         answer
+    }
+
+    /// When the oldest event that waits happened, UTC.
+    fn oldest(&self) -> Option<Timestamp> {
+        self.waiting.iter().find(|batch| !batch.is_empty()).map(|batch| batch.now.utc)
     }
 
     /// Of each machine the newest delays alone are kept while batches wait: they are stored in one commit.

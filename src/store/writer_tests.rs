@@ -53,10 +53,13 @@ fn a_full_disk_is_told_waited_out_and_recovered_from_without_a_restart() {
     assert_eq!(answers.lock().unwrap().as_slice(), [Err(failure)]);
     assert!(writer.take(vec![big(2)]).is_err());
     assert_eq!((status.n_waiting(), status.n_stored(), status.n_lost()), (2, 0, 0));
+    let first = job(1, &answers).batch.now.utc;
+    assert_eq!(status.pace().waiting_since, Some(first), "the oldest that waits");
     assert!(load(&archive).history.is_empty());
     *faults.lock().unwrap() = Some(1_000_000);
     writer.flush().unwrap();
     assert_eq!(status.failure(), None);
+    assert_eq!(status.pace().waiting_since, None);
     assert_eq!((status.n_waiting(), status.n_stored(), status.n_lost()), (0, 2, 0));
     assert_eq!(load(&archive).last_sequence, 2);
 }

@@ -179,7 +179,30 @@ async fn metrics_and_system_are_served() {
     let system = service.get("/api/v1/system").await.json();
     assert_eq!(system["version"], env!("CARGO_PKG_VERSION"));
     assert_eq!(system["streams"][0]["source"], "running");
-    assert_eq!(system["streams"][0]["gaps"], 4);
+    let stream = &system["streams"][0];
+    assert_eq!(stream["gaps"], 4);
+    assert_eq!(stream["queue_wait_s"], 0.25);
+    let end_s = service.view.borrow().stream_time_s - 1.5;
+    service.view.send_modify(|view| Arc::make_mut(view).window_end_s = Some(end_s));
+    let system = service.get("/api/v1/system").await.json();
+    assert_eq!(system["streams"][0]["verdict_lag_s"], 1.5);
+    for unknown in ["clock_drift_ppm", "sample_age_s"] {
+        assert_eq!(stream[unknown], Value::Null, "{unknown} of a source that has no senders");
+    }
+    service.view.send_modify(|view| Arc::make_mut(view).window_end_s = None);
+    let system = service.get("/api/v1/system").await.json();
+    assert_eq!(system["streams"][0]["verdict_lag_s"], Value::Null, "nothing is judged");
+}
+
+#[tokio::test]
+async fn what_the_store_takes_is_told_with_what_is_not_known_as_null() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let service = trends::stored(Service::new(), folder.path());
+    let sizes = service.get("/api/v1/system").await.json()["sizes"].clone();
+    let alarms = json!({
+        "name": "alarms", "bytes": 4096, "limit_bytes": null, "growth_bytes_per_day": null, "days_to_limit": null,
+    });
+    assert_eq!(sizes, json!({ "measured_s": 60.0, "free_bytes": null, "parts": [alarms] }));
 }
 
 #[tokio::test]

@@ -1,7 +1,7 @@
 //! Trends from the store: of before a restart, of components, thinned, with their gaps.
 
 use crate::alarms::past::{PastStream, PastVerdict, PastWindow};
-use crate::api::handles::TrendHandle;
+use crate::api::handles::{PartSize, StoreSizes, TrendHandle};
 use crate::api::support::Service;
 use crate::diagnosis::fault::{ComponentKind, FaultMode, State};
 use crate::diagnosis::verdict::OperatingState;
@@ -75,8 +75,16 @@ pub(super) fn stored(service: Service, folder: &Path) -> Service {
     }
     store.keep(&minutes, START).unwrap();
     let (_, holdings) = watch::channel(Holdings::default());
+    let alarms = PartSize { name: "alarms", bytes: Some(4096), ..PartSize::default() };
+    let seen = StoreSizes { measured_s: 60.0, parts: vec![alarms], free_bytes: None };
+    let (_, sizes) = watch::channel(seen);
     let archive = Arc::new(SqliteTrendArchive::new(folder));
-    service.with_trends(TrendHandle { archive, status: Arc::new(Status::default()), holdings })
+    service.with_trends(TrendHandle {
+        archive,
+        status: Arc::new(Status::default()),
+        holdings,
+        sizes,
+    })
 }
 
 fn numbers(trend: &Value, name: &str) -> Vec<Option<f64>> {

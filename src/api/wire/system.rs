@@ -42,6 +42,8 @@ pub struct SystemWire {
     pub security: SecurityWire,
     /// How the store of alarms is doing; null without one.
     pub store: Option<StoreWire>,
+    /// What the parts of the store take on the disk, and for how long there is room; null without a store.
+    pub sizes: Option<StoreSizesWire>,
     /// Who is notified, and how that goes.
     pub receivers: Vec<ReceiverWire>,
     /// Streams of events over HTTP; null without a store.
@@ -91,6 +93,8 @@ pub struct ReceiverWire {
     pub failure: Option<String>,
     /// Transitions that wait for it.
     pub waiting: usize,
+    /// When the oldest of them was stored, wall clock; null: none waits.
+    pub waiting_since: Option<String>,
     /// Transitions that it took, since it is configured.
     pub delivered: u64,
     /// Transitions that it refused for good.
@@ -113,7 +117,7 @@ pub struct EventStreamsWire {
 }
 
 /// How the store of alarms is doing.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct StoreWire {
     /// Why nothing can be stored at the moment; null if all is well.
     pub failure: Option<String>,
@@ -123,6 +127,39 @@ pub struct StoreWire {
     pub waiting: u64,
     /// Alarm events that will never be stored.
     pub lost: u64,
+    /// When the oldest event happened that is being written or waits for the store, wall clock; null: none does.
+    pub waiting_since: Option<String>,
+    /// When the newest commit was over, wall clock; null: there was none since the daemon started.
+    pub committed_at: Option<String>,
+    /// How long it took, s.
+    pub commit_s: Option<f64>,
+}
+
+/// What the parts of the store take on the disk, looked at every minute.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct StoreSizesWire {
+    /// Time over which growth was measured, s: from a look at the start of the daemon to the newest one.
+    pub measured_s: f64,
+    /// Bytes that are free on the disk; null: unknown.
+    pub free_bytes: Option<u64>,
+    /// Alarms, trends, recordings, captures; empty before the first look.
+    pub parts: Vec<StorePartWire>,
+}
+
+/// What a part of the store takes on the disk.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
+pub struct StorePartWire {
+    /// `alarms`, `trends`, `recordings` or `captures`.
+    pub name: String,
+    /// Bytes of its files, logs of databases included; null: the part is off.
+    pub bytes: Option<u64>,
+    /// Bytes at which its oldest files are removed; null: there is no such limit. Recordings may take what trends leave.
+    pub limit_bytes: Option<u64>,
+    /// Mean growth over `measured_s`, bytes a day, without logs and less what was removed; null until ten minutes have passed.
+    pub growth_bytes_per_day: Option<f64>,
+    /// Days until the limit is reached, and the oldest files are removed, if it goes on growing so; 0: it is reached;
+    /// null: not known, no limit, or it does not grow.
+    pub days_to_limit: Option<f64>,
 }
 
 /// How the store of trends is doing. A point is a window in a channel.
@@ -157,6 +194,17 @@ pub struct StreamWire {
     pub reason: Option<String>,
     /// Blocks waiting to be judged, bytes.
     pub queue_bytes: usize,
+    /// How long the newest block that was judged had waited for that, s; null: none has come.
+    pub queue_wait_s: Option<f64>,
+    /// How far the end of the newest judged window is behind the newest sample, s of stream time: up to a hop if all is well;
+    /// null: nothing is judged yet.
+    pub verdict_lag_s: Option<f64>,
+    /// How much more samples a second of the wall clock come than stated, parts in a million, of the channel that is off
+    /// most; null: not live, or too little is known.
+    pub clock_drift_ppm: Option<f64>,
+    /// How long ago the newest sample was taken by the clock of its sender, s, below 0 where that is ahead; null: not live,
+    /// or the senders state no times. It grows while nothing is sent.
+    pub sample_age_s: Option<f64>,
     /// Blocks dropped because the queue was full.
     pub dropped_blocks: u64,
     /// Their samples.

@@ -197,6 +197,7 @@ pub(super) fn open(
     if let Err(error) = reconcile(&*index, &root, &events) {
         tracing::error!(error = with_causes(&error), "the index of captures is behind");
     }
+    metrics.bytes.set(i64::try_from(store.bytes()).unwrap_or(i64::MAX));
     let (jobs, inbox) = mpsc::sync_channel(QUEUE);
     let waiting = Arc::new(AtomicUsize::new(0));
     let max_waiting = Arc::new(AtomicUsize::new(max_waiting));

@@ -298,7 +298,8 @@ impl Port {
     /// How the senders are doing.
     pub(in crate::app) fn view(&self) -> IngestView {
         let mut state = self.lock();
-        IngestView { n_senders: state.intake.n_senders(), channels: state.intake.status() }
+        let (n_senders, channels) = (state.intake.n_senders(), state.intake.status());
+        IngestView { n_senders, channels, at: crate::app::wall_clock() }
     }
 
     /// Brings the counters up to date.

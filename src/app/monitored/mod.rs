@@ -113,6 +113,8 @@ pub struct Monitored {
     /// The windows behind them.
     pub(super) seen: Seen,
     losses: Arc<Losses>,
+    /// How long the newest block waited in the queue, s.
+    queue_wait_s: Option<f64>,
     publisher: watch::Sender<Arc<MachineView>>,
     meters: Meters,
 }
@@ -159,6 +161,7 @@ impl Monitored {
             features: Arc::default(),
             window_end_s: None,
             losses,
+            queue_wait_s: None,
             publisher,
             meters,
         };
@@ -328,6 +331,8 @@ impl Monitored {
 
     fn take_block(&mut self, block: &Block, arrived: Instant, queue_bytes: usize) {
         self.alarming.note_block(arrived);
+        let waited = super::now().saturating_duration_since(arrived);
+        self.queue_wait_s = Some(waited.as_secs_f64());
         let is_back = self.opener.is_some() && self.source == SourceState::Finished;
         if self.source == SourceState::Starting || is_back {
             self.note_source(SourceState::Running);

@@ -38,6 +38,7 @@ impl Monitored {
             advance: self.alarms().advance().into(),
             alarm_load,
             queue_bytes,
+            queue_wait_s: self.queue_wait_s,
             dropped,
         }));
     }
@@ -84,6 +85,7 @@ pub(super) fn empty(machine: &Arc<Machine>, configuration: &Arc<str>) -> Machine
         advance: Arc::new([]),
         alarm_load: Load::default(),
         queue_bytes: 0,
+        queue_wait_s: None,
         dropped: (0, 0),
     }
 }

@@ -19,6 +19,7 @@ use crate::store::events::LogEntry;
 use crate::store::events::Receivers;
 use crate::store::writer::Status;
 use crate::telemetry::ReceiverMetrics;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -61,6 +62,8 @@ pub(super) struct Follower {
     told_unstored: u64,
     /// When what is due was stored, UTC.
     due_since: Timestamp,
+    /// Place of each event that waits, and when it was stored, UTC; those that are settled are forgotten when it is asked.
+    stored: VecDeque<(u64, Timestamp)>,
 }
 
 impl Follower {
@@ -83,6 +86,7 @@ impl Follower {
             status,
             told_unstored: 0,
             due_since: Timestamp::default(),
+            stored: VecDeque::new(),
         };
         // What waits from before the start is told from the start.
         if let Err(error) = follower.read_on() {
@@ -110,7 +114,11 @@ impl Follower {
                     }
                 };
                 self.courier.see(entry.place, is_wanted);
+                if is_wanted {
+                    self.stored.push_back((entry.place, entry.recorded));
+                }
             }
+            self.waiting_since();
             if entries.len() < PAGE {
                 break;
             }
@@ -219,7 +227,17 @@ impl Follower {
         }
     }
 
-    fn tell(&self) {
+    /// When the oldest event that waits was stored, UTC.
+    fn waiting_since(&mut self) -> Option<Timestamp> {
+        let head = self.courier.queue().head().unwrap_or(u64::MAX);
+        while self.stored.front().is_some_and(|(place, _)| *place < head) {
+            self.stored.pop_front();
+        }
+        self.stored.front().map(|(_, at)| *at)
+    }
+
+    fn tell(&mut self) {
+        let waiting_since = self.waiting_since();
         let progress = self.courier.progress();
         let n_waiting = self.courier.queue().n_waiting();
         let raise = |counter: &prometheus_client::metrics::counter::Counter, to: u64| {
@@ -235,6 +253,7 @@ impl Follower {
             progress,
             failure: self.courier.failure().map(str::to_owned),
             last_delivered: self.last_delivered,
+            waiting_since,
         });
     }
 

@@ -146,6 +146,7 @@ fn a_receiver_dead_for_an_hour_gets_all_in_order_over_restarts_and_clocks_that_a
         };
         assert!(at_s > now_s && at_s <= now_s + 60.0, "{now_s} {at_s}");
         assert!(view.borrow().failure.is_some());
+        assert!(view.borrow().waiting_since.is_some());
         assert_eq!(world.metrics.receiver("room").failing.get(), 1);
         world.now.set((at_s, off_s));
         if at_s > HOUR_S / 4.0 * f64::from(n_restarts + 1) {
@@ -162,6 +163,7 @@ fn a_receiver_dead_for_an_hour_gets_all_in_order_over_restarts_and_clocks_that_a
     assert_eq!(of("rig-1"), ids("rig-1", 6..=sequence));
     assert_eq!(of("rig-2"), ids("rig-2", 6..=sequence));
     let told = view.borrow().clone();
+    assert_eq!((told.n_waiting, told.waiting_since), (0, None));
     assert_eq!((told.n_waiting, told.failure), (0, None));
     assert_eq!(told.progress.n_delivered, arrived.len() as u64);
     assert_eq!(world.metrics.receiver("room").failing.get(), 0);

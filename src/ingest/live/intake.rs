@@ -85,6 +85,8 @@ pub struct ChannelStatus {
     pub counted_since: Timestamp,
     /// How its clock runs, if that is known.
     pub clock: Option<Estimate>,
+    /// Time that its sender stated of one past the newest sample, UTC; `None`: it stated none.
+    pub stated_until: Option<Timestamp>,
     /// Samples a second, as stated.
     pub rate_hz: f64,
     /// Where it is sent from at the moment, and since when.
@@ -323,6 +325,9 @@ impl Intake {
             lane.next.sequence = block.sequence;
         }
         lane.observe(block.first, wall_s);
+        let length_s = block.samples.len() as f64 / lane.described.rate_hz;
+        let stated = Some(Timestamp(block.time_ns)).filter(|_| block.time_ns != wire::NO_TIME);
+        lane.stated_until = stated.map(|first| first.plus_seconds(length_s));
         let taken = lane.take(block, placing);
         Ok((lane.next.sequence, taken))
     }
@@ -417,6 +422,7 @@ impl Intake {
                 ledger: lane.ledger,
                 counted_since: lane.counted_since.unwrap_or(origin),
                 clock: lane.drift.estimate(),
+                stated_until: lane.stated_until,
                 rate_hz: lane.described.rate_hz,
                 sender: sender.map(|sender| (sender.peer.clone(), sender.since)),
             }

@@ -57,6 +57,8 @@ pub(super) struct Lane {
     pub(super) ledger: Ledger,
     /// When it was first let in.
     pub(super) counted_since: Option<Timestamp>,
+    /// Time that the sender states of one past its newest sample, UTC; `None`: it states none.
+    pub(super) stated_until: Option<Timestamp>,
     pub(super) drift: Drift,
 }
 
@@ -152,6 +154,7 @@ impl Lane {
             gaps: VecDeque::new(),
             ledger: Ledger::default(),
             counted_since: None,
+            stated_until: None,
             drift: Drift::default(),
         })
     }

@@ -44,6 +44,8 @@ pub struct Holdings {
     pub n_files: u64,
     /// Their bytes, logs included.
     pub bytes: u64,
+    /// Of them those of logs, which are used again and again.
+    pub log_bytes: u64,
     /// Files removed since the start.
     pub n_removed: u64,
     /// Damaged files put aside since the start.
@@ -127,16 +129,19 @@ pub(super) fn files(folder: &Path) -> Vec<(Period, PathBuf)> {
     found
 }
 
-/// Number and bytes of everything in the folder that trends are or were in.
-pub(super) fn held(folder: &Path) -> (u64, u64) {
+/// Number, bytes and bytes of logs of everything in the folder that trends are or were in.
+pub(super) fn held(folder: &Path) -> (u64, u64, u64) {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let sizes = entries.filter_map(|entry| {
         let name = entry.file_name();
         let length = entry.metadata().ok().filter(fs::Metadata::is_file)?.len();
         let is_log = name.to_str().is_some_and(|n| n.ends_with("-wal") || n.ends_with("-shm"));
-        Some((u64::from(!is_log), length))
+        Some((is_log, length))
     });
-    sizes.fold((0, 0), |(n, bytes), (one, length)| (n + one, bytes + length))
+    sizes.fold((0, 0, 0), |(n, bytes, log_bytes), (is_log, length)| match is_log {
+        true => (n, bytes + length, log_bytes + length),
+        false => (n + 1, bytes + length, log_bytes),
+    })
 }
 
 /// A file with its log.

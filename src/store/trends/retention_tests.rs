@@ -134,7 +134,7 @@ fn the_projection_holds_what_noise_takes() {
     let store = open(&folder);
     let features = store.features_per_channel().unwrap();
     assert!((features - 2.0).abs() < 1e-9, "{features}");
-    let (_, bytes) = retention::held(&folder.path().join("trends"));
+    let (_, bytes, _) = retention::held(&folder.path().join("trends"));
     let retention = Retention { windows_days: 1, minutes_days: 1, hours_days: 1 };
     // Half a day of two channels is stored, two days are projected.
     let projected = project(&retention, 2, 5.0, Some(features)).windows_bytes / 4;

@@ -391,8 +391,8 @@ impl TrendStore for SqliteTrends {
                 }
             }
         }
-        let (n_files, bytes) = retention::held(&self.directory);
+        let (n_files, bytes, log_bytes) = retention::held(&self.directory);
         let (n_removed, n_set_aside) = (self.n_removed, self.n_set_aside);
-        Holdings { n_files, bytes, n_removed, n_set_aside }
+        Holdings { n_files, bytes, log_bytes, n_removed, n_set_aside }
     }
 }

@@ -151,6 +151,9 @@ fn a_block_without_a_time_is_placed_by_its_arrival() {
     let taken = take(&mut intake, 1, &owned, 60.0).unwrap();
     // Half a second of samples, the last of which has just been taken.
     assert!((taken.blocks[0].time_s - 59.5).abs() < 1e-9);
+    assert_eq!(intake.status()[0].stated_until, None);
+    take(&mut intake, 1, &Owned::ramp(1, 500, 500, 60.0), 60.6).unwrap();
+    assert_eq!(intake.status()[0].stated_until, Some(at(60.5)));
 }
 
 #[test]
