@@ -434,6 +434,16 @@ fn load(stream: &Result<Stream, String>) -> f64 {
     channels.iter().map(|channel| channel.sample_rate.0).sum()
 }
 
+/// Holds the memory that a start needs for rings, queues and captures against the limit: what `check` says is what `serve` says.
+/// Sources are opened for what they hold, and nothing else is; one that cannot be opened needs no memory.
+///
+/// # Errors
+/// When there is too little, or a scene cannot be built.
+pub fn check_fits(config: &Config) -> Result<(), StartError> {
+    let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    check_memory(config, &streams, n_shards(config)).map(|_| ())
+}
+
 /// Refuses to start when rings and queues would need more than the limit; gives what they need.
 fn check_memory(
     config: &Config,

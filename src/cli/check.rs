@@ -7,6 +7,8 @@ use super::input::FileKind;
 use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
+use crate::app::build;
+use crate::app::start_error::StartError;
 use crate::capture::error::CaptureError;
 use crate::capture::foreign::inventory::Inventory;
 use crate::capture::map::ChannelMap;
@@ -49,7 +51,7 @@ Examples:
 
 What a file is, its content decides: a capture is HDF5, WAV or a table of numbers (CSV), a machine
 file has a table [machine], a scene [scene], a configuration of the daemon [server], [pipeline],
-[[machine]] or [[source]]. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
+[[machine]] or [[source]]. A configuration is also held against its memory_limit_bytes, as `serve` does. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
 options that name it otherwise.
 
 --repair closes recordings that their recorder left open because it was killed: one write of the
@@ -101,6 +103,8 @@ enum CheckError {
     #[error(transparent)]
     Configuration(#[from] ConfigErrors),
     #[error(transparent)]
+    Start(#[from] StartError),
+    #[error(transparent)]
     Map(#[from] MapError),
     #[error(transparent)]
     Capture(#[from] CaptureError),
@@ -148,6 +152,7 @@ fn tell(error: &CheckError) {
         CheckError::Configuration(mistakes) => super::tell_lines(mistakes),
         CheckError::Input(InputError::Mistakes(mistakes)) => super::tell_lines(mistakes),
         CheckError::Input(_)
+        | CheckError::Start(_)
         | CheckError::Map(_)
         | CheckError::Capture(_)
         | CheckError::Unknown { .. }
@@ -191,7 +196,7 @@ fn check(path: &Path, arguments: &Arguments, out: &mut String) -> Result<(), Che
                 ChannelMap::of_table(&entry.machine.capture_map, &name)?;
                 lines(&entry.file, &entry.machine, None, arguments, out)?;
             }
-            Ok(())
+            Ok(build::check_fits(&config)?)
         }
         FileKind::Capture => check_capture(path, arguments, out),
         FileKind::Unknown(found, remedy) => Err(CheckError::Unknown {

@@ -39,6 +39,23 @@ fn content_decides_what_a_file_is() {
 }
 
 #[test]
+fn rings_that_do_not_fit_are_refused_as_serve_refuses_them() {
+    let dir = folder();
+    let config = fs::read_to_string(dir.path().join("serve.toml")).unwrap();
+    let small = format!("[pipeline]\nmemory_limit_bytes = 1000000\n{config}");
+    fs::write(dir.path().join("small.toml"), small).unwrap();
+    let checked = check(&dir, &["small.toml"]);
+    assert_eq!(checked.status.code(), Some(2), "{}", checked.stderr);
+    let told = "memory_limit_bytes is 1000000: raise it, shorten ring_seconds";
+    assert!(checked.stderr.contains(told), "{}", checked.stderr);
+    let mut serve = support::command();
+    let served =
+        support::run(serve.current_dir(dir.path()).args(["serve", "--config", "small.toml"]));
+    assert_eq!(served.status.code(), Some(2));
+    assert!(served.stderr.contains(checked.stderr.trim()), "{}", served.stderr);
+}
+
+#[test]
 fn every_mistake_in_every_file_is_told_with_its_place() {
     let dir = folder();
     let write = |name: &str, text: &[u8]| fs::write(dir.path().join(name), text).unwrap();
