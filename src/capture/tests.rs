@@ -305,6 +305,23 @@ fn wrong_channels_are_named() {
     assert!(text.contains("channels/x: attribute sample_rate_hz: found none"), "{text}");
     let (_folder, path) = one_channel(Some(-1.0), |_| {});
     assert!(refused(&path).contains("found -1"));
+    let hints = Hints { rate: Some(Hz(50.0)), ..Hints::default() };
+    let reader = CaptureReader::open(&path, None, &hints).unwrap();
+    assert_eq!(
+        reader.info().channels[0].info.sample_rate,
+        Hz(50.0),
+        "the remedy that is named helps"
+    );
+    let told = "channels/x: attribute sample_rate_hz is -1: not used, 50 Hz of --rate are";
+    assert_eq!(reader.info().notes, [told]);
+    let (_folder, path) = crafted(|file| {
+        let group = file.group("channels").unwrap();
+        let dataset = group.dataset("x", &[0_i16; 100], NewStorage::default()).unwrap();
+        dataset.text("sample_rate_hz", "2 kHz").unwrap();
+    });
+    assert!(refused(&path).contains("found \"2 kHz\", expected samples a second, a number"));
+    let reader = CaptureReader::open(&path, None, &hints).unwrap();
+    assert_eq!(reader.info().channels[0].info.sample_rate, Hz(50.0));
     let (_folder, path) = crafted(|file| {
         let group = file.group("channels").unwrap();
         let dataset = group.dataset("x", &[0_u8; 100], NewStorage::default()).unwrap();

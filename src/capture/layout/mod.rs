@@ -8,7 +8,7 @@ use super::checksums;
 use super::convert::Conversion;
 use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
-use super::hdf5::{Dataset, Entry, File};
+use super::hdf5::{Attribute, Dataset, Entry, File};
 use super::hints::Hints;
 use super::info::{CaptureInfo, CaptureKind, ChannelDescription};
 use super::open::Opened;
@@ -64,6 +64,7 @@ pub(super) fn open(
     let (segments, listed, note) = layout.segments(&sources, is_recording)?;
     let left_open = repair::is_flagged(path).then(|| repair::LEFT_OPEN.to_owned());
     let absent_channels = absent_channels(machine, &described);
+    let rates = layout.rates_not_used(&described);
     let mut info = CaptureInfo {
         file: path.into(),
         file_bytes: checks.file_bytes,
@@ -80,13 +81,21 @@ pub(super) fn open(
         ignored,
         absent_channels,
         kind: CaptureKind::Hdf5,
-        notes: left_open.into_iter().chain(note).chain(notes).collect(),
+        notes: left_open.into_iter().chain(note).chain(rates).chain(notes).collect(),
         options: None,
     };
     let stated = header.checksum;
     let (checks, file) = (&layout.checks, &layout.file);
     let sources = checksums::attach(checks, file, stated, &mut info, &segments, sources)?;
     Ok(Opened { info, sources, segments })
+}
+
+/// The attribute of a data set that makes it a channel.
+const RATE: &str = "sample_rate_hz";
+
+/// Whether a number can be a sampling rate, Hz.
+fn is_rate(hz: f64) -> bool {
+    (RATE_RANGE_HZ.0..=RATE_RANGE_HZ.1).contains(&hz)
 }
 
 /// Whether the file states our format, or a data set under `/channels` states `sample_rate_hz`.
@@ -103,7 +112,7 @@ pub(super) fn is_ours(
     let entries = file.entries("channels").map_err(|e| checks.library("/channels", e))?;
     let is_channel = |(name, entry): &(String, Entry)| {
         let dataset = (*entry == Entry::Dataset).then(|| file.dataset(&path_of(name)));
-        let rate = dataset.and_then(Result::ok).map(|dataset| dataset.attribute("sample_rate_hz"));
+        let rate = dataset.and_then(Result::ok).map(|dataset| dataset.attribute(RATE));
         matches!(rate, Some(Ok(Some(_))))
     };
     Ok(entries.is_some_and(|entries| entries.iter().any(is_channel)))
@@ -277,14 +286,30 @@ impl Layout<'_> {
             "samples a second, a number from {low} to {high}; --rate HZ or a --map gives what the file lacks \
              (`rotorwatch check` prints one)"
         );
-        match (self.checks.number(dataset, path, "sample_rate_hz", &expected)?, self.hints.rate) {
-            (Some(rate), _) if (low..=high).contains(&rate) => Ok(Hz(rate)),
-            (None, Some(rate)) => Ok(rate),
-            (found, _) => {
-                let found = found.map_or("none".into(), |rate| rate.to_string());
-                Err(self.checks.attribute_error(path, "sample_rate_hz", found, expected))
+        let found = dataset.attribute(RATE).map_err(|e| self.checks.library(path, e))?;
+        match (found, self.hints.rate) {
+            (Some(Attribute::Number(rate)), _) if is_rate(rate) => Ok(Hz(rate)),
+            (_, Some(rate)) => Ok(rate),
+            (found, None) => {
+                let found = found.map_or("none".into(), |found| found.describe());
+                Err(self.checks.attribute_error(path, RATE, found, expected))
             }
         }
+    }
+
+    /// What is said of rates in the file that are none, where the caller's stands for them.
+    fn rates_not_used(&self, channels: &[ChannelDescription]) -> Vec<String> {
+        let Some(rate) = self.hints.rate else { return Vec::new() };
+        let told = |channel: &ChannelDescription| {
+            let path = path_of(&channel.info.name);
+            let found = self.file.dataset(&path).ok()?.attribute(RATE).ok()??;
+            let is_used = matches!(found, Attribute::Number(rate) if is_rate(rate));
+            let (found, rate) = (found.describe(), rate.0);
+            (!is_used).then(|| {
+                format!("{path}: attribute {RATE} is {found}: not used, {rate} Hz of --rate are")
+            })
+        };
+        channels.iter().filter_map(told).collect()
     }
 
     /// Attributes `scale` and `offset`.
