@@ -45,6 +45,18 @@ pub struct ChannelInfo {
     pub full_scale: Option<(f32, f32)>,
 }
 
+impl ChannelInfo {
+    /// What is said of a unit of the data that the machine file states otherwise, for people.
+    #[must_use]
+    pub fn unit_conflict_text(&self) -> Option<String> {
+        let (data, machine) = self.unit_conflict.as_ref()?;
+        Some(format!(
+            "channel `{}`: the data say {data}, the machine file {machine}; the machine file was used",
+            self.name
+        ))
+    }
+}
+
 /// A run of consecutive finite samples of one channel.
 ///
 /// Blocks are idempotent by (machine, stream, channel, start): a block whose samples were already

@@ -2,7 +2,7 @@
 
 use super::received::NumberType;
 use crate::signal::{ChannelInfo, Timestamp};
-use crate::units::{Hz, Unit};
+use crate::units::{Hz, SourceUnit, Unit};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -93,6 +93,21 @@ pub struct ChannelDescription {
     pub sensor: Option<String>,
 }
 
+impl ChannelDescription {
+    /// What is said of a unit that is written in a way nobody knows and that nothing else states, for people; `None`: it is known,
+    /// or none is written.
+    #[must_use]
+    pub fn unknown_unit(&self) -> Option<String> {
+        let text = self.unit_text.as_deref().filter(|_| self.info.unit == Unit::Unknown)?;
+        let known = SourceUnit::ACCEPTED.join(", ");
+        Some(format!(
+            "channel `{}`: its unit \"{text}\" is none of {known}: it counts as unknown, and no absolute limit applies; state the \
+             unit in the machine file",
+            self.info.name
+        ))
+    }
+}
+
 impl CaptureInfo {
     /// Names what a diagnosis will miss in this capture.
     #[must_use]
@@ -115,8 +130,8 @@ impl CaptureInfo {
             let name = &channel.info.name;
             match &channel.unit_text {
                 None => missing.push(format!("unit of {name}: none")),
-                Some(text) if crate::units::SourceUnit::parse(text).is_none() => {
-                    let known = crate::units::SourceUnit::ACCEPTED.join(", ");
+                Some(text) if SourceUnit::parse(text).is_none() => {
+                    let known = SourceUnit::ACCEPTED.join(", ");
                     missing.push(format!("unit of {name}: \"{text}\" is none of {known}"));
                 }
                 Some(_) => {}

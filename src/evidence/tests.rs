@@ -118,6 +118,7 @@ fn settings() -> Settings {
         usual: [(("acc".to_owned(), "rms".to_owned()), usual)].into(),
         n_windows: 7,
         left_out: [("not running".to_owned(), 2)].into(),
+        channels: Vec::new(),
     };
     Settings {
         window_s: 6.0,

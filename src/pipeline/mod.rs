@@ -23,6 +23,7 @@ use crate::diagnosis::baseline::Record;
 use crate::diagnosis::drift;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
+use crate::diagnosis::verdict::BaselineUse;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::features::Extractor;
@@ -129,6 +130,7 @@ impl Monitor {
             });
         }
         let settings = fitting(&channels, settings);
+        let baseline = settings.baseline.in_units_of(&channels);
         let ring = |c: &ChannelInfo| {
             Ring::new(c.sample_rate, settings.ring_s).with_full_scale(c.full_scale)
         };
@@ -138,7 +140,7 @@ impl Monitor {
             segment: None,
             extractor,
             run_up: RunUp::default(),
-            baseline: Arc::new(settings.baseline.clone()),
+            baseline: Arc::new(baseline),
             drift: drift::Watch::default(),
             trail: Trail::default(),
             n_runs: 0,
@@ -403,16 +405,15 @@ impl Monitor {
                     .warnings
                     .push(format!("sensor `{}` has no channel in the data", sensor.channel)),
                 Some(channel) => {
-                    let info = &self.channels[channel.0];
-                    if let Some((data, machine)) = &info.unit_conflict {
-                        diagnosis.warnings.push(format!(
-                            "channel `{}`: the data say {data}, the machine file {machine}; the machine file was used",
-                            info.name
-                        ));
-                    }
+                    diagnosis.warnings.extend(self.channels[channel.0].unit_conflict_text());
                 }
             }
         }
+        // Records of which nothing is left: those of another speed or load are no surprise.
+        let is_void = |one: &&BaselineUse| !one.used && one.n_windows == 0;
+        let told = |one: &BaselineUse| format!("baseline {} is not used: {}", one.name, one.reason);
+        let void: Vec<String> = diagnosis.baselines.iter().filter(is_void).map(told).collect();
+        diagnosis.warnings.extend(void);
         let drifts = self.drift.drifts(&self.channels);
         diagnosis.warnings.extend(drifts.iter().map(drift::Drift::text));
         let n_used = diagnosis.baselines.iter().filter(|b| b.used).count();

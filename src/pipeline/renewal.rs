@@ -43,7 +43,7 @@ impl Monitor {
             self.run_up.clear();
             self.drift = drift::Watch::default();
             self.provisional.clear();
-            self.baseline = Arc::new(self.settings.baseline.clone());
+            self.baseline = Arc::new(self.settings.baseline.in_units_of(&self.channels));
         }
         ended
     }

@@ -462,7 +462,7 @@ fn limits_relative_to_a_baseline_are_held_against_the_one_of_the_time() {
         point: OperatingPoint::default(),
         usual: BTreeMap::from([(("x".to_owned(), "rms".to_owned()), Usual::of_value(0.4))]),
         n_windows: 20,
-        left_out: BTreeMap::new(),
+        ..Record::default()
     };
     let key = (Some("signed".to_owned()), "healthy".to_owned());
     let asked = |ratio: f64, records: BTreeMap<_, _>| {

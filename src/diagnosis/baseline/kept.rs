@@ -60,5 +60,5 @@ fn read_record(tape: &mut Reader<'_>) -> Option<Record> {
         Some((key, Usual { log_value, log_scatter, n_windows: tape.count()? }))
     })?;
     let (left_out, usual) = (left_out.into_iter().collect(), usual.into_iter().collect());
-    Some(Record { name, baseline, point, usual, n_windows, left_out })
+    Some(Record { name, baseline, point, usual, n_windows, left_out, channels: Vec::new() })
 }

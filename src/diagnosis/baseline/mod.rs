@@ -23,6 +23,7 @@ use super::verdict::BaselineUse;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::run_up;
+use crate::signal::ChannelInfo;
 use crate::units::Unit;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -71,12 +72,25 @@ impl Comparison {
 }
 
 impl Baseline {
+    /// The records, but for what is in other units than `channels`: of those nothing is left but the reason, since a ratio of two
+    /// units says nothing.
+    #[must_use]
+    pub fn in_units_of(&self, channels: &[ChannelInfo]) -> Self {
+        let fitting = |record: &Record| match record.other_units(channels) {
+            None => record.clone(),
+            Some(reason) => record.void(reason),
+        };
+        let records = self.records.iter().map(fitting).collect();
+        Self { records, provisional: self.provisional }
+    }
+
     /// The records that fit an operating state, and what to tell the user of each. Where a signed baseline
     /// fits, captures that were only named are not used beside it.
     #[must_use]
     pub fn at(&self, now: &OperatingPoint, load_bins: &[f64]) -> (Self, Vec<BaselineUse>) {
-        let unfit: Vec<Option<String>> =
-            self.records.iter().map(|record| record.point.unfit(now, load_bins)).collect();
+        let why =
+            |record: &Record| record.why_void().or_else(|| record.point.unfit(now, load_bins));
+        let unfit: Vec<Option<String>> = self.records.iter().map(why).collect();
         let mut with_fit = self.records.iter().zip(&unfit);
         let is_signed = with_fit.any(|(r, why)| why.is_none() && r.baseline.is_some());
         let told = |(record, unfit): (&Record, Option<String>)| {
@@ -247,6 +261,37 @@ mod tests {
         // Five equal records, windows that scatter by 0.3: a new window does too.
         let five = sigma(vec![with(0.3, 2.0); 5]);
         assert!((five - 0.3 * 1.2_f64.sqrt()).abs() < 1e-12, "{five}");
+    }
+
+    #[test]
+    fn records_in_other_units_are_named_and_not_used() {
+        let channel = |unit, said: Option<&str>| ChannelInfo {
+            name: "x".to_owned(),
+            sample_rate: Hz(1e4),
+            unit,
+            offset: 0.0,
+            unit_conflict: said.map(|data| (data.to_owned(), "m/s^2".to_owned())),
+            full_scale: None,
+        };
+        let (acceleration, velocity) = (Unit::MetrePerSecondSquared, Unit::MillimetrePerSecond);
+        let used = |was: ChannelInfo, now: ChannelInfo| {
+            let record = Record { channels: vec![was], ..record("a", 10.0, 1.0) };
+            let (left, told) = of(vec![record]).in_units_of(&[now]).at(&at(10.0, None), &[]);
+            assert_eq!((told.len(), left.records.len()), (1, usize::from(told[0].used)));
+            (!told[0].used).then(|| told[0].reason.clone())
+        };
+        let plain = || channel(acceleration, None);
+        let by_data = "its channel `x` is in g by its data and in m/s^2 by the machine file";
+        assert_eq!(used(channel(acceleration, Some("g")), plain()).unwrap(), by_data);
+        let other = used(channel(velocity, None), plain()).unwrap();
+        assert_eq!(other, "its channel `x` is in mm/s, that of the data in m/s^2");
+        // What is said alike is wrong alike, and what nobody knows says nothing.
+        let said = || channel(acceleration, Some("g"));
+        assert_eq!(used(said(), said()), None);
+        assert_eq!(used(channel(acceleration, Some("furlong")), plain()), None);
+        assert_eq!(used(channel(Unit::Unknown, None), plain()), None);
+        let elsewhere = ChannelInfo { name: "y".to_owned(), ..channel(velocity, None) };
+        assert_eq!(used(elsewhere, plain()), None);
     }
 
     #[test]

@@ -8,6 +8,8 @@ use crate::features::Feature;
 use crate::features::run_up;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
+use crate::units::SourceUnit;
+use crate::units::Unit;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -51,6 +53,9 @@ pub struct Record {
     pub n_windows: usize,
     /// Windows that did not, by reason.
     pub left_out: BTreeMap<String, usize>,
+    /// Channels of the capture it was measured of, for their units; empty: unknown, or held against the machine when it was
+    /// signed. No part of what is kept.
+    pub channels: Vec<ChannelInfo>,
 }
 
 /// Why a window shows nothing of the machine at a steady speed.
@@ -147,7 +152,46 @@ impl Record {
             .filter_map(|(key, logs)| Some((key, Usual::of_logs(&logs)?)))
             .collect();
         let name = name.to_owned();
-        Self { name, baseline: None, point, usual, n_windows: fit.len(), left_out }
+        let (n_windows, channels) = (fit.len(), Vec::new());
+        Self { name, baseline: None, point, usual, n_windows, left_out, channels }
+    }
+
+    /// The record without its values, all of its windows left out for a reason.
+    pub(super) fn void(&self, reason: String) -> Self {
+        let n_windows = self.n_windows + self.left_out.values().sum::<usize>();
+        let (usual, left_out) = (BTreeMap::new(), BTreeMap::from([(reason, n_windows)]));
+        Self { usual, n_windows: 0, left_out, ..self.clone() }
+    }
+
+    /// Why nothing can be held against it: of none of its windows anything is left. `None`: it can.
+    pub(super) fn why_void(&self) -> Option<String> {
+        let is_void = self.usual.is_empty() && !self.left_out.is_empty();
+        let reasons = || self.left_out.keys().map(String::as_str).collect::<Vec<_>>().join("; ");
+        is_void.then(reasons)
+    }
+
+    /// Why its values mean something else than those of `channels`: they are in another unit, or its data state one that the
+    /// machine file contradicts and that `channels` do not state, too. `None`: nothing says so.
+    #[must_use]
+    pub(super) fn other_units(&self, channels: &[ChannelInfo]) -> Option<String> {
+        let with = |now: &ChannelInfo| self.channels.iter().find(|c| c.name == now.name);
+        let mut pairs = channels.iter().filter_map(|now| Some((with(now)?, now)));
+        pairs.find_map(|(was, now)| {
+            let name = &now.name;
+            // A spelling that nobody knows states nothing.
+            let stated = |(data, _): &&(String, String)| SourceUnit::parse(data).is_some();
+            if let Some((data, machine)) = was.unit_conflict.as_ref().filter(stated) {
+                let is_alike = now.unit_conflict.as_ref().is_some_and(|(said, _)| said == data);
+                return (!is_alike).then(|| {
+                    format!("its channel `{name}` is in {data} by its data and in {machine} by the machine file")
+                });
+            }
+            let is_known = was.unit != Unit::Unknown && now.unit != Unit::Unknown;
+            (is_known && was.unit != now.unit).then(|| {
+                let (was, now) = (was.unit.symbol(), now.unit.symbol());
+                format!("its channel `{name}` is in {was}, that of the data in {now}")
+            })
+        })
     }
 
     /// How many windows went into it and which did not, for people.

@@ -117,6 +117,8 @@ struct Run {
     outcomes: Vec<Outcome>,
     /// How the capture was read.
     notes: Vec<String>,
+    /// What is wrong with channels that are judged.
+    warnings: Vec<String>,
     /// What was read of it.
     read: ReadReport,
 }
@@ -146,7 +148,8 @@ pub fn diagnose(
     let diagnosis = run.monitor.conclude(&judged);
     let diagnosis = diagnosis.ok_or_else(|| nothing(file, &run.read))?;
     let notes = run.notes.into_iter().chain(diagnosis.notes).collect();
-    Ok(Diagnosis { notes, ..diagnosis })
+    let warnings = run.warnings.into_iter().chain(diagnosis.warnings).collect();
+    Ok(Diagnosis { notes, warnings, ..diagnosis })
 }
 
 /// Measures a healthy capture for a baseline.
@@ -158,10 +161,15 @@ pub fn learn(
     reference: &Reference,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Record, OfflineError> {
-    Ok(learned(file, &run(file, reference, progress)?))
+    let run = run(file, reference, progress)?;
+    let sensors = &run.monitor.machine().sensors;
+    let is_heard = |channel: &&ChannelInfo| sensors.iter().any(|s| s.channel == channel.name);
+    let channels = run.monitor.channels().iter().filter(is_heard).cloned().collect();
+    Ok(Record { channels, ..learned(file, &run) })
 }
 
-/// Measures a capture for a baseline, and says what accuses it, a sentence each: a baseline learned of damage hides it.
+/// Measures a capture for a baseline, and says what accuses it, a sentence each: a baseline learned of damage hides it; and which of
+/// its units the machine file states otherwise.
 ///
 /// # Errors
 /// As [`diagnose`].
@@ -172,6 +180,8 @@ pub fn learn_and_judge(
 ) -> Result<(Record, Vec<String>), OfflineError> {
     let run = run(file, reference, progress)?;
     let record = learned(file, &run);
+    let conflicts = run.monitor.channels().iter().filter_map(ChannelInfo::unit_conflict_text);
+    let conflicts: Vec<String> = conflicts.collect();
     let judged: Vec<_> = run.outcomes.into_iter().map(|o| o.judged).collect();
     let diagnosis = run.monitor.conclude(&judged);
     let components = diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.components);
@@ -181,7 +191,7 @@ pub fn learn_and_judge(
         let (id, state) = (&component.id, component.state.name());
         format!("{id} is accused in it ({fault}, {state}): a baseline learned of damage hides it")
     });
-    let warnings = told.collect();
+    let warnings = told.chain(conflicts).collect();
     Ok((record, warnings))
 }
 
@@ -271,15 +281,14 @@ fn run(
     let settings = settings(info, &channels, (&machine, hints), reference);
     let duration_s = info.duration_s;
     let notes = info.notes.clone();
+    let is_named = |name: &str| machine.sensors.iter().any(|sensor| sensor.channel == name);
+    let is_heard: Vec<bool> = channels.iter().map(|channel| is_named(&channel.name)).collect();
+    let judged = info.channels.iter().zip(&is_heard).filter(|(_, is_heard)| **is_heard);
+    let warnings = judged.filter_map(|(channel, _)| channel.unknown_unit()).collect();
     let mut monitor = Monitor::new(machine, channels, hints, &settings)
         .map_err(|source| OfflineError::Monitor { file: file.to_owned(), source })?;
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut first_s = None;
-    let is_heard: Vec<bool> = {
-        let sensors = &monitor.machine().sensors;
-        let is_named = |c: &ChannelInfo| sensors.iter().any(|s| s.channel == c.name);
-        monitor.channels().iter().map(is_named).collect()
-    };
     let mut heard = 0;
     let mut keep = |outcome: Outcome| outcomes.push(outcome);
     while let Some(block) = reader.next_block()? {
@@ -301,7 +310,7 @@ fn run(
         let reason = "in no window: of a stretch too short for one, or beyond its last";
         monitor.count_rejected(heard - used, reason);
     }
-    Ok(Run { monitor, outcomes, notes, read: report })
+    Ok(Run { monitor, outcomes, notes, warnings, read: report })
 }
 
 /// Opens a capture with the machine given, its own, or an implied one.
@@ -397,82 +406,4 @@ fn settings(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::capture::writer::CaptureHeader;
-    use crate::capture::writer::CaptureWriter;
-    use crate::capture::writer::ChannelHeader;
-    use crate::capture::writer::ChannelSamples;
-    use crate::capture::writer::ChannelStorage;
-
-    fn capture(folder: &Path, rate: f64, samples: &[f32]) -> PathBuf {
-        let file = folder.join("x.h5");
-        let mut writer = CaptureWriter::create(&file, &CaptureHeader::default()).unwrap();
-        let header = ChannelHeader {
-            name: "x".to_owned(),
-            sample_rate: Hz(rate),
-            unit: Some("g".to_owned()),
-            sensor: None,
-            storage: ChannelStorage::Contiguous,
-        };
-        writer.channel(&header, ChannelSamples::F32(samples)).unwrap();
-        writer.finish().unwrap();
-        file
-    }
-
-    #[test]
-    fn absurd_rates_end_in_a_verdict_or_an_error() {
-        let folder = tempfile::tempdir().unwrap();
-        let samples: Vec<f32> = (0..40_000_u16).map(|i| f32::from(i % 97) - 48.0).collect();
-        for rate in [1e-300, 1e-6, 0.5, 99.0, 1e9, 1e300] {
-            let file = capture(folder.path(), rate, &samples);
-            // Without a machine the levels alone are judged: nothing is accused.
-            match diagnose(&file, &Reference::default(), &mut |_| ()) {
-                Ok(found) => assert!(found.components.iter().all(|c| !c.state.is_accusation())),
-                Err(error) => assert!(!error.to_string().is_empty(), "{rate}"),
-            }
-        }
-    }
-
-    #[test]
-    fn what_holds_no_number_says_so() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = capture(folder.path(), 1000.0, &[f32::NAN; 5000]);
-        let error = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap_err();
-        let told = error.to_string();
-        assert!(told.contains("5000 of 5000 are no finite numbers"), "{told}");
-        assert!(!told.contains("revolutions"), "{told}");
-    }
-
-    #[test]
-    fn the_samples_of_a_range_are_read_again_and_no_more_than_a_window() {
-        let folder = tempfile::tempdir().unwrap();
-        let samples: Vec<f32> = (0..5000_u16).map(f32::from).collect();
-        let file = capture(folder.path(), 100.0, &samples);
-        let read = |first, end| {
-            let ranges = [("x".to_owned(), first, end), ("absent".to_owned(), 0, 9)];
-            let found = stretches(&file, &Reference::default(), &ranges).unwrap();
-            assert_eq!(found.len(), 1);
-            let Stretch { start, start_s, samples, info } = found[0].clone();
-            (start, start_s, samples.len(), f64::from(samples[0]) + info.offset)
-        };
-        // g in the file, m/s² here.
-        let g = crate::units::STANDARD_GRAVITY_M_PER_S2;
-        let (start, start_s, n, first) = read(300, 900);
-        assert_eq!((start, n), (300, 600));
-        assert!((start_s - 3.0).abs() < 1e-12 && (first / g - 300.0).abs() < 1e-3, "{first}");
-        // 12 s at 100 Hz.
-        let (start, start_s, n, first) = read(0, 5000);
-        assert_eq!((start, n), (3800, 1200));
-        assert!((start_s - 38.0).abs() < 1e-9 && (first / g - 3800.0).abs() < 1e-2, "{first}");
-    }
-
-    #[test]
-    fn a_capture_without_a_machine_is_judged_by_its_data_alone() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = capture(folder.path(), 1000.0, &[0.25; 5000]);
-        let found = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap();
-        assert!(found.components.iter().any(|c| c.id == "x"), "a dead sensor is told: {found:?}");
-        assert_eq!(found.samples_used, 5000);
-    }
-}
+mod tests;

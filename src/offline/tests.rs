@@ -1,0 +1,127 @@
+//! What is read of whole captures, and what is told of it.
+
+use super::*;
+use crate::capture::writer::CaptureHeader;
+use crate::capture::writer::CaptureWriter;
+use crate::capture::writer::ChannelHeader;
+use crate::capture::writer::ChannelSamples;
+use crate::capture::writer::ChannelStorage;
+
+fn capture(folder: &Path, rate: f64, samples: &[f32]) -> PathBuf {
+    capture_in(folder, "x.h5", "g", (rate, samples))
+}
+
+fn capture_in(folder: &Path, name: &str, unit: &str, (rate, samples): (f64, &[f32])) -> PathBuf {
+    let file = folder.join(name);
+    let mut writer = CaptureWriter::create(&file, &CaptureHeader::default()).unwrap();
+    let header = ChannelHeader {
+        name: "x".to_owned(),
+        sample_rate: Hz(rate),
+        unit: Some(unit.to_owned()),
+        sensor: None,
+        storage: ChannelStorage::Contiguous,
+    };
+    writer.channel(&header, ChannelSamples::F32(samples)).unwrap();
+    writer.finish().unwrap();
+    file
+}
+
+#[test]
+fn units_that_nobody_knows_and_baselines_in_others_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let samples: Vec<f32> = (0..40_000_u32).map(|i| (i * 7919 % 1009) as f32 - 504.0).collect();
+    let written =
+        |name: &str, unit: &str| capture_in(folder.path(), name, unit, (4000.0, &samples));
+    // Our own writer takes no such unit: a table, and what is said of it.
+    let odd = folder.path().join("odd.csv");
+    let lines: String = samples.iter().map(|x| format!("{x},{}\n", x % 97.0)).collect();
+    std::fs::write(&odd, format!("x,y\n{lines}")).unwrap();
+    let unit = Some("furlong/s".to_owned());
+    let hints = Hints { unit, rate: Some(Hz(4000.0)), ..Hints::default() };
+    let said = Reference { hints, ..Reference::default() };
+    let found = diagnose(&odd, &said, &mut |_| ()).unwrap();
+    let told = "channel `x`: its unit \"furlong/s\" is none of g, m/s^2, ";
+    assert!(found.warnings.iter().any(|warning| warning.starts_with(told)), "{found:?}");
+
+    let text = "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\nspeed_hz = 10.0\n[[sensor]]\nchannel = 'x'\n\
+                kind = 'accelerometer'\nunit = 'm/s^2'\nat = { shaft = 's' }\n";
+    let machine = Arc::new(crate::machine::file::parse(text, "m.toml").unwrap());
+    let reference = Reference { machine: Some(machine), ..Reference::default() };
+    // The machine file states the unit: the spelling is told as a conflict, and once.
+    let described = Reference { hints: said.hints.clone(), ..reference.clone() };
+    let found = diagnose(&odd, &described, &mut |_| ()).unwrap();
+    let of_unit = found.warnings.iter().filter(|warning| warning.contains("furlong/s"));
+    assert_eq!(
+        of_unit.collect::<Vec<_>>(),
+        ["channel `x`: the data say furlong/s, the machine file m/s^2; the machine file was used"]
+    );
+
+    let (healthy, now) = (written("healthy.h5", "g"), written("now.h5", "m/s^2"));
+    let records = vec![learn(&healthy, &reference, &mut |_| ()).unwrap()];
+    let baseline = Baseline { records, provisional: false };
+    let against = Reference { baseline, ..reference };
+    let found = diagnose(&now, &against, &mut |_| ()).unwrap();
+    let [used] = &found.baselines[..] else { panic!("{:?}", found.baselines) };
+    let reason = "its channel `x` is in g by its data and in m/s^2 by the machine file";
+    assert_eq!((used.used, used.reason.as_str()), (false, reason));
+    let told = format!("baseline {} is not used: {reason}", healthy.display());
+    assert!(found.warnings.contains(&told), "{:?}", found.warnings);
+    let found = diagnose(&healthy, &against, &mut |_| ()).unwrap();
+    assert!(found.baselines.iter().all(|one| one.used), "what is said alike is wrong alike");
+}
+
+#[test]
+fn absurd_rates_end_in_a_verdict_or_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let samples: Vec<f32> = (0..40_000_u16).map(|i| f32::from(i % 97) - 48.0).collect();
+    for rate in [1e-300, 1e-6, 0.5, 99.0, 1e9, 1e300] {
+        let file = capture(folder.path(), rate, &samples);
+        // Without a machine the levels alone are judged: nothing is accused.
+        match diagnose(&file, &Reference::default(), &mut |_| ()) {
+            Ok(found) => assert!(found.components.iter().all(|c| !c.state.is_accusation())),
+            Err(error) => assert!(!error.to_string().is_empty(), "{rate}"),
+        }
+    }
+}
+
+#[test]
+fn what_holds_no_number_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = capture(folder.path(), 1000.0, &[f32::NAN; 5000]);
+    let error = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap_err();
+    let told = error.to_string();
+    assert!(told.contains("5000 of 5000 are no finite numbers"), "{told}");
+    assert!(!told.contains("revolutions"), "{told}");
+}
+
+#[test]
+fn the_samples_of_a_range_are_read_again_and_no_more_than_a_window() {
+    let folder = tempfile::tempdir().unwrap();
+    let samples: Vec<f32> = (0..5000_u16).map(f32::from).collect();
+    let file = capture(folder.path(), 100.0, &samples);
+    let read = |first, end| {
+        let ranges = [("x".to_owned(), first, end), ("absent".to_owned(), 0, 9)];
+        let found = stretches(&file, &Reference::default(), &ranges).unwrap();
+        assert_eq!(found.len(), 1);
+        let Stretch { start, start_s, samples, info } = found[0].clone();
+        (start, start_s, samples.len(), f64::from(samples[0]) + info.offset)
+    };
+    // g in the file, m/s² here.
+    let g = crate::units::STANDARD_GRAVITY_M_PER_S2;
+    let (start, start_s, n, first) = read(300, 900);
+    assert_eq!((start, n), (300, 600));
+    assert!((start_s - 3.0).abs() < 1e-12 && (first / g - 300.0).abs() < 1e-3, "{first}");
+    // 12 s at 100 Hz.
+    let (start, start_s, n, first) = read(0, 5000);
+    assert_eq!((start, n), (3800, 1200));
+    assert!((start_s - 38.0).abs() < 1e-9 && (first / g - 3800.0).abs() < 1e-2, "{first}");
+}
+
+#[test]
+fn a_capture_without_a_machine_is_judged_by_its_data_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = capture(folder.path(), 1000.0, &[0.25; 5000]);
+    let found = diagnose(&file, &Reference::default(), &mut |_| ()).unwrap();
+    assert!(found.components.iter().any(|c| c.id == "x"), "a dead sensor is told: {found:?}");
+    assert_eq!(found.samples_used, 5000);
+}
