@@ -161,6 +161,7 @@ impl Pulses {
             channel: ChannelIndex(self.channel),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: range,
         };

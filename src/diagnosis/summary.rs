@@ -19,6 +19,7 @@ use super::verdict::Diagnosis;
 use super::verdict::OperatingState;
 use super::verdict::Timeline;
 use crate::features::WindowFeatures;
+use crate::features::sensor::SensorReading;
 use crate::features::speed::SpeedSource;
 use crate::units::Hz;
 use std::collections::BTreeMap;
@@ -55,6 +56,8 @@ pub struct Judged {
     pub data_quality: DataQuality,
     /// Ranges used by channel.
     pub sample_ranges: Vec<(String, u64, u64)>,
+    /// Channel and index of samples among them that were set aside, because they are no motion: nothing rests on them.
+    pub set_aside: Vec<(String, u64)>,
     /// Notes on the speed.
     pub notes: Vec<String>,
     /// Baselines offered at this window's speed.
@@ -140,9 +143,19 @@ pub fn judge_window(
                 (context.channel_name(s.channel).to_owned(), s.sample_range.0, s.sample_range.1)
             })
             .collect(),
+        set_aside: set_aside(features, context),
         notes: notes(features, context),
         baselines,
     }
+}
+
+/// Channel and index of samples that are no motion.
+fn set_aside(features: &WindowFeatures, context: &Context<'_>) -> Vec<(String, u64)> {
+    let of = |reading: &SensorReading| {
+        let channel = context.channel_name(reading.channel).to_owned();
+        reading.lost.iter().map(move |at| (channel.clone(), *at)).collect::<Vec<_>>()
+    };
+    features.sensors.iter().flat_map(of).collect()
 }
 
 /// What the user should know of the window: of its speed, of what the sensors may receive besides the machine.
@@ -276,16 +289,30 @@ pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
     }
 }
 
-/// Samples used by windows in their order, each counted once though windows may overlap.
+/// Samples used by windows in their order, each counted once though windows may overlap, without those set aside.
 pub fn samples_used<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> u64 {
-    let mut reached: std::collections::BTreeMap<&str, u64> = std::collections::BTreeMap::new();
-    let mut total = 0;
-    for (channel, start, end) in windows.into_iter().flat_map(|w| &w.sample_ranges) {
-        let from = reached.entry(channel).or_insert(0);
-        total += end.saturating_sub((*start).max(*from));
-        *from = (*from).max(*end);
+    let (total, set_aside) = samples_in(windows);
+    total - set_aside
+}
+
+/// Samples in windows in their order, and those of them that were set aside, each counted once though windows may overlap.
+pub fn samples_in<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> (u64, u64) {
+    let mut reached: BTreeMap<&str, u64> = BTreeMap::new();
+    let mut counted: BTreeMap<&str, u64> = BTreeMap::new();
+    let (mut total, mut set_aside) = (0, 0);
+    for window in windows {
+        for (channel, at) in &window.set_aside {
+            let until = counted.entry(channel.as_str()).or_insert(0);
+            set_aside += u64::from(*at >= *until);
+            *until = (*until).max(at + 1);
+        }
+        for (channel, start, end) in &window.sample_ranges {
+            let from = reached.entry(channel.as_str()).or_insert(0);
+            total += end.saturating_sub((*start).max(*from));
+            *from = (*from).max(*end);
+        }
     }
-    total
+    (total, set_aside)
 }
 
 /// One verdict a component from the verdicts of several windows.
@@ -399,97 +426,5 @@ fn first_since(windows: &[Judged], level: State, whole: State) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn part(state: State) -> ComponentDiagnosis {
-        ComponentDiagnosis {
-            id: "b".into(),
-            kind: ComponentKind::Bearing,
-            state,
-            fault: state.is_accusation().then_some(FaultMode::InnerRace),
-            severity: state.is_accusation().then_some(0.4),
-            confidence: None,
-            why: "w".into(),
-            evidence: vec![],
-            other_faults: vec![],
-            gear: None,
-        }
-    }
-
-    fn window(i: usize, state: State) -> Judged {
-        Judged {
-            time_s: (i as f64, i as f64 + 1.0),
-            segment: 0,
-            components: vec![part(state)],
-            speed: Some(Hz(10.0)),
-            load: None,
-            speed_source: Some(SpeedSource::Capture),
-            speed_confidence: 1.0,
-            shaft_speeds: vec![],
-            operating_state: OperatingState::Running,
-            data_quality: DataQuality::Ok,
-            sample_ranges: vec![("x".into(), i as u64 * 50, i as u64 * 50 + 100)],
-            notes: vec![],
-            baselines: vec![],
-        }
-    }
-
-    fn conclude_states(states: &[State]) -> Diagnosis {
-        let windows: Vec<Judged> = states.iter().enumerate().map(|(i, s)| window(i, *s)).collect();
-        conclude("m", &windows).unwrap()
-    }
-
-    #[test]
-    fn most_of_the_last_windows_decide() {
-        use State::{Healthy, Warning};
-        assert_eq!(conclude_states(&[Warning, Warning, Healthy, Healthy, Healthy]).state, Healthy);
-        assert_eq!(conclude_states(&[Healthy, Healthy, Healthy, Warning, Warning]).state, Warning);
-        assert_eq!(conclude_states(&[Healthy, Healthy, Warning]).state, Healthy);
-        assert_eq!(conclude_states(&[Warning]).state, Warning);
-        // A record of two windows that disagree is neither.
-        let open = conclude_states(&[Warning, Healthy]);
-        assert_eq!(open.state, State::Undetermined);
-        assert_eq!(open.components[0].why, "w (in half of 2 windows, not in most)");
-        assert_eq!(open.components[0].fault, None);
-    }
-
-    #[test]
-    fn a_lone_window_does_not_date_the_first_warning() {
-        use State::{Healthy, Warning};
-        let found =
-            conclude_states(&[Healthy, Warning, Healthy, Warning, Warning, Warning, Warning]);
-        assert_eq!(found.first_warning_s, Some(3.0));
-        assert_eq!(found.first_damaged_s, None);
-        assert_eq!(found.timeline.unwrap().time_s.len(), 7);
-    }
-
-    #[test]
-    fn what_the_whole_is_judged_is_dated() {
-        use State::{Damaged, Healthy};
-        let first = |states: &[State]| {
-            let found = conclude_states(states);
-            assert_eq!(found.first_damaged_s.is_some(), found.state == Damaged, "{states:?}");
-            (found.first_warning_s, found.first_damaged_s)
-        };
-        assert_eq!(
-            first(&[Healthy, Damaged, Healthy, Damaged, Damaged, Healthy]),
-            (Some(1.0), Some(1.0))
-        );
-        assert_eq!(first(&[Damaged, Healthy, Healthy, Damaged, Damaged]), (Some(3.0), Some(3.0)));
-        assert_eq!(first(&[Healthy, Healthy, Healthy, Damaged]), (None, None));
-        assert_eq!(first(&[Healthy, Damaged]), (None, None));
-    }
-
-    #[test]
-    fn undetermined_whole_only_if_nothing_was_judged() {
-        use State::{Healthy, Undetermined};
-        assert_eq!(whole_state(&[part(Undetermined), part(Healthy)]), Healthy);
-        assert_eq!(whole_state(&[part(Undetermined)]), Undetermined);
-    }
-
-    #[test]
-    fn overlapping_windows_count_samples_once() {
-        assert_eq!(conclude_states(&[State::Healthy, State::Healthy]).samples_used, 150);
-    }
-}
+#[path = "summary_tests.rs"]
+mod tests;

@@ -59,6 +59,7 @@ fn combs(seed: u64, heard: [&[f64]; 4]) -> Vec<Comb> {
             channel: ChannelIndex(sensor),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: (0, u64::from(N)),
         };

@@ -230,6 +230,7 @@ impl Extractor {
                     channel,
                     absent: Some("no contiguous samples in this window".to_owned()),
                     doubts: Vec::new(),
+                    lost: Vec::new(),
                     flaw: None,
                     sample_range: (0, 0),
                 },
@@ -241,6 +242,7 @@ impl Extractor {
                         channel,
                         absent: None,
                         doubts: Vec::new(),
+                        lost: Vec::new(),
                         flaw: match self.machine.sensors[sensor].kind {
                             SensorKind::Accelerometer
                             | SensorKind::Velocity

@@ -340,6 +340,7 @@ mod tests {
             channel: ChannelIndex(0),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: (0, u64::from(N)),
         };
@@ -407,6 +408,7 @@ mod tests {
             channel: ChannelIndex(0),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: (0, u64::from(N)),
         };

@@ -89,6 +89,11 @@ pub(super) fn set_aside(
         let is_of_lost_samples =
             found.iter().all(|range| is_lost_sample(&run.samples[range.clone()]));
         reading.doubts.push(told(&found, is_of_lost_samples, run, rate));
+        if is_of_lost_samples {
+            // Levels leave them out, too; a knock counts in those.
+            let first = reading.sample_range.0;
+            reading.lost = found.iter().cloned().flatten().map(|at| first + at as u64).collect();
+        }
         let mut samples = run.samples.to_vec();
         found.into_iter().for_each(|range| bridge(&mut samples, range));
         quiet.push(Quiet { channel: reading.channel, samples, is_of_lost_samples });

@@ -272,6 +272,7 @@ mod tests {
             channel: ChannelIndex(0),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: (0, samples.len() as u64),
         };

@@ -152,6 +152,7 @@ mod tests {
             channel: ChannelIndex(0),
             absent: None,
             doubts: Vec::new(),
+            lost: Vec::new(),
             flaw: None,
             sample_range: (1_000_000, 1_100_000),
         };

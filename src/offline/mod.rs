@@ -305,10 +305,10 @@ fn run(
     }
     monitor.finish(&mut keep);
     progress(1.0);
-    let used = summary::samples_used(outcomes.iter().map(|outcome| &outcome.judged));
-    if heard > used {
+    let (in_windows, _) = summary::samples_in(outcomes.iter().map(|outcome| &outcome.judged));
+    if heard > in_windows {
         let reason = "in no window: of a stretch too short for one, or beyond its last";
-        monitor.count_rejected(heard - used, reason);
+        monitor.count_rejected(heard - in_windows, reason);
     }
     Ok(Run { monitor, outcomes, notes, warnings, read: report })
 }

@@ -87,6 +87,9 @@ pub enum MonitorError {
     },
 }
 
+/// Why samples in a window were not used.
+const SET_ASIDE: &str = "set aside with single samples far off, which are no motion";
+
 /// The monitor of one machine.
 #[derive(Debug)]
 pub struct Monitor {
@@ -105,6 +108,8 @@ pub struct Monitor {
     n_runs: u64,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
+    /// Of each channel one past the last sample that was set aside.
+    set_aside_until: Vec<u64>,
     alarms: AlarmEngine,
 }
 
@@ -146,6 +151,7 @@ impl Monitor {
             n_runs: 0,
             provisional: Vec::new(),
             rejected: Vec::new(),
+            set_aside_until: vec![0; channels.len()],
             alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
             settings,
             machine,
@@ -325,6 +331,7 @@ impl Monitor {
             false_alarm_probability: self.settings.false_alarms.per_decision,
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);
+        self.count_set_aside(&judged);
         let is_fit = judged.unfit_for_baseline().is_none();
         let window = drift::Window { time_s, features: &features.channels, is_fit };
         self.drift.observe(&window, &baseline, &self.channels);
@@ -392,6 +399,22 @@ impl Monitor {
         diagnosis.samples_rejected = self.rejected.iter().map(|(_, n)| n).sum();
         diagnosis.rejected_because =
             self.rejected.iter().map(|(why, n)| format!("{n} samples: {why}")).collect();
+    }
+
+    /// Counts what the window sets aside beyond what those before it have.
+    fn count_set_aside(&mut self, judged: &Judged) {
+        let mut n = 0;
+        for (channel, at) in &judged.set_aside {
+            let Some(place) = self.channels.iter().position(|info| info.name == *channel) else {
+                continue;
+            };
+            let counted = &mut self.set_aside_until[place];
+            n += u64::from(*at >= *counted);
+            *counted = (*counted).max(at + 1);
+        }
+        if n > 0 {
+            self.count_rejected(n, SET_ASIDE);
+        }
     }
 
     /// Adds counts, unit conflicts and absent channels.

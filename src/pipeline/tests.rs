@@ -254,6 +254,36 @@ fn rejected_samples_are_told_with_their_reason() {
 }
 
 #[test]
+fn samples_that_are_set_aside_are_rejected_once_and_not_used() {
+    // Evenly spread values in no order.
+    let mut x: Vec<f32> = (0..100_000_u32).map(|i| (i * 7919 % 1009) as f32 - 504.0).collect();
+    // In the second half of a window and the first of the next.
+    x[40_000] = 1e6;
+    let mut monitor = monitor();
+    let mut outcomes = Vec::new();
+    for block in blocks(&x, 0..100_000, 5000) {
+        monitor.step(&block, &mut |o| outcomes.push(o));
+    }
+    let of: Vec<usize> = outcomes.iter().map(|o| o.judged.set_aside.len()).collect();
+    let n = of.iter().copied().max().unwrap();
+    assert!((1..=200).contains(&n) && of.iter().filter(|len| **len > 0).count() >= 2, "{of:?}");
+    let newest = &outcomes.last().unwrap().diagnosis;
+    let told: u64 = newest.samples_rejected;
+    assert!((n as u64..=2 * n as u64).contains(&told), "{told}, not once a window: {of:?}");
+    let because = "samples: set aside with single samples far off, which are no motion";
+    assert_eq!(newest.rejected_because, [format!("{told} {because}")]);
+    let [first, ..] = &outcomes[..] else { panic!() };
+    let (start, end) = (first.judged.sample_ranges[0].1, first.judged.sample_ranges[0].2);
+    assert_eq!(first.diagnosis.samples_used, end - start - first.judged.set_aside.len() as u64);
+    let judged: Vec<_> = outcomes.into_iter().map(|o| o.judged).collect();
+    let whole = monitor.conclude(&judged).unwrap();
+    assert_eq!(
+        whole.samples_used + whole.samples_rejected,
+        end.max(judged.last().unwrap().sample_ranges[0].2)
+    );
+}
+
+#[test]
 fn settings_that_come_again_change_nothing() {
     // At 1 Hz a window is as long as its fewest samples are.
     for rate_hz in [RATE_HZ, 1.0] {
