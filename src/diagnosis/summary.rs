@@ -292,7 +292,7 @@ pub fn of_window(machine: &str, window: &Judged) -> Diagnosis {
 /// Samples used by windows in their order, each counted once though windows may overlap, without those set aside.
 pub fn samples_used<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> u64 {
     let (total, set_aside) = samples_in(windows);
-    total - set_aside
+    total.saturating_sub(set_aside)
 }
 
 /// Samples in windows in their order, and those of them that were set aside, each counted once though windows may overlap.

@@ -372,10 +372,10 @@ fn is_near_multiple(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
         && (frequency_hz - multiple * shaft_hz).abs() <= unsure_hz
 }
 
-/// Whether the speed tells where side bands at 1× lie to the half of 1/T within which they are read (C50).
+/// Whether the speed tells to 1/T where side bands at 1× lie (C50): they are read within half of that, and their lobes reach as far again.
 fn is_spacing_told(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let speed = &seen.features.speed;
-    let is_near = TOLD_TO * line.search.shaft_speed.0 <= 0.25 * line.search.resolution.0;
+    let is_near = TOLD_TO * line.search.shaft_speed.0 <= 0.5 * line.search.resolution.0;
     let came_with_record = speed.source != Some(SpeedSource::Machine) && speed.confidence > 0.0;
     !speed.is_unconfirmed() || came_with_record && is_near
 }

@@ -110,22 +110,20 @@ fn near_a_multiple_of_a_name_plates_speed_that_nothing_confirms_nobody_is_accuse
 #[test]
 fn a_turning_race_is_not_accused_without_side_bands_where_they_would_be_seen() {
     // A tenth of the line's height is a hundredth of its power.
-    let beside = |line: DefectLine, line_power: f64, side_power: f64| {
-        judged(
-            None,
-            vec![changed(search(0, line, 0.6), |reading| {
-                for harmonic in reading.harmonics.iter_mut().flatten() {
-                    harmonic.power_ratio = line_power;
-                }
-                let own = reading.harmonics[0];
-                reading.side_band = own.map(|h| Harmonic {
-                    power_ratio: side_power,
-                    searched: Searched::largest(6.0, 2.0),
-                    ..h
-                });
-            })],
-        )
+    let lines = |line: DefectLine, line_power: f64, side_power: f64| {
+        changed(search(0, line, 0.6), |reading| {
+            for harmonic in reading.harmonics.iter_mut().flatten() {
+                harmonic.power_ratio = line_power;
+            }
+            let own = reading.harmonics[0];
+            reading.side_band = own.map(|h| Harmonic {
+                power_ratio: side_power,
+                searched: Searched::largest(6.0, 2.0),
+                ..h
+            });
+        })
     };
+    let beside = |line, line_power, side| judged(None, vec![lines(line, line_power, side)]);
     let open = beside(DefectLine::Bpfi, 1e4, 1.0);
     assert_eq!(open.state, State::Undetermined, "{}", open.why);
     assert!(open.why.contains("passes the load once a turn"), "{}", open.why);
@@ -137,6 +135,14 @@ fn a_turning_race_is_not_accused_without_side_bands_where_they_would_be_seen() {
     for verdict in accused {
         assert_eq!(verdict.fault, Some(FaultMode::InnerRace), "{}", verdict.why);
     }
+    // A speed of 30 Hz that nothing confirms is told to 0.09 Hz, and 1/T is half of the resolution.
+    let within = |resolution: f64| {
+        let line = lines(DefectLine::Bpfi, 1e4, 1.0);
+        let line = LineSearch { resolution: Hz(resolution), ..line };
+        judged(Some(SpeedSource::Capture), vec![line])
+    };
+    assert!(within(0.2).why.contains("passes the load once a turn"), "{}", within(0.2).why);
+    assert_eq!(within(0.17).fault, Some(FaultMode::InnerRace), "{}", within(0.17).why);
     // The race at rest meets the same load on each turn.
     let at_rest = beside(DefectLine::Bpfo, 1e4, 1.0);
     assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
