@@ -59,7 +59,7 @@ pub struct SensorReading {
     pub absent: Option<String>,
     /// What may be wrong besides, in sentences ([`super::reception`]).
     pub doubts: Vec<String>,
-    /// Indices of samples that are no motion and were set aside, in order: nothing is read of them ([`super::outburst`]).
+    /// Indices of samples that are no motion and were set aside, in order: nothing is read of them (F29).
     pub lost: Vec<u64>,
     /// What is wrong, if anything.
     pub flaw: Option<SensorFlaw>,
