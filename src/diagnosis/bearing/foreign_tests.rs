@@ -143,6 +143,11 @@ fn a_turning_race_is_not_accused_without_side_bands_where_they_would_be_seen() {
     };
     assert!(within(0.2).why.contains("passes the load once a turn"), "{}", within(0.2).why);
     assert_eq!(within(0.17).fault, Some(FaultMode::InnerRace), "{}", within(0.17).why);
+    // Another speed, which nothing tells, says nothing of where they lie (F22).
+    let speed = Speed { source: Some(SpeedSource::Capture), confidence: 0.0, ..Speed::unknown() };
+    let line = vec![lines(DefectLine::Bpfi, 1e4, 1.0)];
+    let untold = judged_at(speed, 1.0, line, (Vec::new(), Vec::new(), Vec::new())).remove(0);
+    assert_eq!(untold.fault, Some(FaultMode::InnerRace), "{}", untold.why);
     // The race at rest meets the same load on each turn.
     let at_rest = beside(DefectLine::Bpfo, 1e4, 1.0);
     assert_eq!(at_rest.fault, Some(FaultMode::OuterRace), "{}", at_rest.why);
@@ -238,4 +243,16 @@ fn a_turning_race_without_its_side_bands_beside_as_high_harmonics_of_the_shaft_i
     });
     assert_eq!(judged(None, vec![over]).fault, Some(FaultMode::InnerRace));
     assert_eq!(beside(0.55, false, DefectLine::Bpfo).fault, Some(FaultMode::OuterRace));
+}
+
+#[test]
+fn a_line_of_nobodys_that_is_deep_in_few_bands_leaves_its_bearing_open() {
+    // At b it is louder, between harmonics of the shaft that explain it.
+    let louder = changed(search(1, DefectLine::Bpfi, 0.6), |reading| {
+        reading.mean_square = 5.0;
+        reading.shaft_depth = 1.5;
+    });
+    let open = judged(None, vec![deep_in_one(DefectLine::Bpfi, 8), louder]);
+    assert_eq!(open.state, State::Undetermined, "{}", open.why);
+    assert!(open.why.contains("neither accused nor acquitted"), "{}", open.why);
 }

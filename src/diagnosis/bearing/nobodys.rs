@@ -10,8 +10,8 @@ use super::sentence;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 
-/// A line that would accuse, were it not heard best where the shaft's events explain it: nobody's, and no sign of
-/// health either.
+/// A line that would accuse, or be left open for being deep in few bands, were it not heard best where the shaft's events explain it: nobody's,
+/// and no sign of health either.
 pub(super) fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<String> {
     let looks = accept::n_looks(seen.features, seen.bearing);
     let readable = searches.iter().filter(|s| s.outcome.is_ok());

@@ -169,3 +169,33 @@ fn is_sharp(
     };
     reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::of_ten_seconds;
+    use super::super::tests::spectrum_of;
+    use super::super::tests::task;
+    use super::*;
+
+    #[test]
+    fn what_stands_rather_at_a_submultiple_of_the_known_line_is_not_slower() {
+        // A line that is smeared may be the third of 33.1 Hz; a known line at 99.2 Hz rather is.
+        let smeared = [(98.9, 0.8), (98.5, 0.6), (99.3, 0.6), (33.1, 0.5)];
+        let depth = spectrum_of(&smeared, 0.05);
+        let fundamental = Harmonic {
+            power_ratio: 900.0,
+            depth: 0.8,
+            floor_dof: 100.0,
+            searched: Searched::peaks(60.0),
+        };
+        let slower = |apart_from: Option<Hz>| {
+            let spectrum = of_ten_seconds(&depth);
+            let scratch = &mut Vec::new();
+            slower_rate(&spectrum, &task(&[]), (98.9, fundamental), apart_from, scratch)
+        };
+        let found = slower(None);
+        assert!(found.is_some_and(|rate| (rate.0 - 33.1).abs() < 0.02), "{found:?}");
+        assert!(slower(Some(Hz(98.7))).is_some(), "nearer to the line's own third");
+        assert_eq!(slower(Some(Hz(99.2))), None);
+    }
+}
