@@ -44,24 +44,40 @@ pub struct Blows {
     pub is_others: bool,
 }
 
+/// Rates that are looked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rates<'a> {
+    /// Speeds of the shafts whose bearings are listened for.
+    pub(super) own_shafts: &'a [Hz],
+    /// Those of the other shafts.
+    pub(super) other_shafts: &'a [Hz],
+    /// Ranges in which lines of bearings are searched.
+    pub(super) lines: &'a [(Hz, Hz)],
+}
+
 /// Blows in one band. They are a shaft's if they hold the part η and a line at one of the multiples of its speed is as deep: blows once a
-/// turn have lines of depth up to 2η at all of them. They are something foreign's if such a line, and half as much at twice and three times its rate, stands
-/// anywhere but in the ranges `own` in which lines of bearings are searched, Hz.
+/// turn have lines of depth up to 2η at all of them, and those of a shaft beside the bearing's must show half as much at twice that multiple. They are something foreign's if such a line, and half as much at twice and three times its rate, stands
+/// anywhere but in the ranges in which lines of bearings are searched.
 ///
 /// `e2`: the band's squared envelope, which `spectrum` is of; `n_bins` those of the band.
 pub(super) fn read(
     e2: &[f32],
     spectrum: &DepthSpectrum<'_>,
     (band, n_bins): (Band, usize),
-    (shafts, own): (&[Hz], &[(Hz, Hz)]),
+    rates: Rates<'_>,
     scratch: &mut Vec<f32>,
 ) -> Blows {
     scratch.clear();
     scratch.resize(N_VALUES, 0.0);
     let part = impulsive::part(e2, spectrum.mean_square, n_bins, scratch);
-    let multiples = shafts.iter().flat_map(|f| (1..=ORDERS).map(|order| f64::from(order) * f.0));
-    let is_shafts = multiples.map(|at| bearing::depth_at(spectrum, at)).any(|depth| depth >= part);
-    Blows { band, part, is_others: is_shafts || is_foreign(spectrum, part, own) }
+    let is_deep = |hz: f64, part: f64| bearing::depth_at(spectrum, hz) >= part;
+    let multiples = |shafts: &'_ [Hz]| -> Vec<f64> {
+        shafts.iter().flat_map(|f| (1..=ORDERS).map(|order| f64::from(order) * f.0)).collect()
+    };
+    let is_own = multiples(rates.own_shafts).into_iter().any(|hz| is_deep(hz, part));
+    let is_train = |hz: f64| is_deep(hz, part) && is_deep(2.0 * hz, HALF * part);
+    let is_shafts = is_own || multiples(rates.other_shafts).into_iter().any(is_train);
+    Blows { band, part, is_others: is_shafts || is_foreign(spectrum, part, rates.lines) }
 }
 
 /// Whether a line as deep as `part`, with half as much at twice and three times its rate, stands outside the ranges `own`.
@@ -137,8 +153,8 @@ mod tests {
     use crate::dsp::reference::gaussian_noise;
     use rustfft::num_complex::Complex;
 
-    /// The part read of ten seconds of noise at 10 kHz that is ten times as high where it is struck, beside shafts of 20 Hz.
-    fn struck(is_struck: impl Fn(usize) -> bool, own: &[(Hz, Hz)]) -> Blows {
+    /// The part read of ten seconds of noise at 10 kHz that is ten times as high where it is struck: the bearing on a shaft of 20 Hz, and beside one.
+    fn struck_beside(is_struck: impl Fn(usize) -> bool, lines: &[(Hz, Hz)]) -> [Blows; 2] {
         let noise = gaussian_noise(100_000, 5);
         let gain = |i: usize| if is_struck(i) { 10.0 } else { 1.0 };
         let x: Vec<f32> =
@@ -158,7 +174,33 @@ mod tests {
         let spectrum =
             DepthSpectrum { depth: &depth, bin_hz, duration_s: 10.0, mean_square, tone: None };
         let band = Band { low: Hz(1e3), high: Hz(3e3), whitened: true };
-        read(&e2, &spectrum, (band, n_bins), (&[Hz(20.0)], own), &mut Vec::new())
+        let shaft = [Hz(20.0)];
+        [(&shaft[..], &[][..]), (&[][..], &shaft[..])].map(|(own_shafts, other_shafts)| {
+            let rates = Rates { own_shafts, other_shafts, lines };
+            read(&e2, &spectrum, (band, n_bins), rates, &mut Vec::new())
+        })
+    }
+
+    /// The same of blows that have all multiples of their rate, or none: it does not matter whose shaft it is.
+    fn struck(is_struck: impl Fn(usize) -> bool, lines: &[(Hz, Hz)]) -> Blows {
+        let [own, others] = struck_beside(is_struck, lines);
+        assert_eq!(own, others);
+        own
+    }
+
+    /// Starts of blows at random, so many samples apart in the mean: exponential waits, half the sum of two squares of normal values each.
+    fn random_starts(n: usize, mean: f64) -> Vec<f64> {
+        let waits = gaussian_noise(2 * n, 11);
+        let sums = waits.chunks_exact(2).map(|pair| pair[0].powi(2) + pair[1].powi(2));
+        sums.scan(0.0, |at, sum| {
+            *at += mean / 2.0 * sum;
+            Some(*at)
+        })
+        .collect()
+    }
+
+    fn is_within(starts: &[f64], i: usize) -> bool {
+        starts.iter().any(|start| (0.0..20.0).contains(&(i as f64 - start)))
     }
 
     #[test]
@@ -175,21 +217,30 @@ mod tests {
 
     #[test]
     fn blows_at_random_places_are_nobodys() {
-        // Exponential waits of 470 samples in the mean, half the sum of two squares of normal values each: no rate at all.
-        let waits = gaussian_noise(600, 11);
-        let starts: Vec<f64> = waits
-            .chunks_exact(2)
-            .scan(0.0, |at, pair| {
-                *at += 235.0 * (pair[0].powi(2) + pair[1].powi(2));
-                Some(*at)
-            })
-            .collect();
-        let is_struck = |i: usize| {
-            let i = i as f64;
-            starts.iter().any(|start| (0.0..20.0).contains(&(i - start)))
-        };
-        let found = struck(is_struck, &[]);
+        let starts = random_starts(300, 470.0);
+        let found = struck(|i| is_within(&starts, i), &[]);
         assert!(found.part > 0.6 && !found.is_others, "{found:?}");
+    }
+
+    #[test]
+    fn another_shaft_explains_blows_by_more_than_one_line() {
+        // At random, most where a shaft of 20 Hz stands at one place: (½ + ½ cos)², whose second harmonic is a quarter of the first.
+        let turned = |start: f64| (std::f64::consts::TAU * 20.0 * start / 1e4).cos();
+        let is_kept = |start: f64, chance: f64| chance < (0.5 + 0.5 * turned(start)).powi(2);
+        let chances = gaussian_noise(2000, 13);
+        let chances =
+            chances.chunks_exact(2).map(|pair| (-0.5 * (pair[0].powi(2) + pair[1].powi(2))).exp());
+        let starts = random_starts(1000, 120.0).into_iter().zip(chances);
+        let starts: Vec<f64> = starts
+            .filter(|(start, chance)| is_kept(*start, *chance))
+            .map(|(start, _)| start)
+            .collect();
+        let [own, others] = struck_beside(|i| is_within(&starts, i), &[]);
+        assert!(own.part > 0.4 && own.is_others, "{own:?}");
+        assert!(
+            !others.is_others,
+            "what elements that slip make may lie there by chance: {others:?}"
+        );
     }
 
     #[test]

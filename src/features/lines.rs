@@ -11,6 +11,7 @@ use super::bearing::LineSearch;
 use super::bearing::LineTask;
 use super::impulses;
 use super::impulses::Blows;
+use super::impulses::Rates;
 use super::plans::Plans;
 use super::reach;
 use super::targets;
@@ -164,7 +165,10 @@ impl<'m> LineReader<'m> {
         let fastest = pending.iter().map(fastest).fold(0.0, f64::max);
         let min_width = Hz(fastest * MIN_WIDTH_PER_LINE);
         let ranges = pending.iter().map(|(_, t)| reach::searched_range(t.line, t.expected, t.band));
-        let own: Vec<(Hz, Hz)> = ranges.collect();
+        let lines: Vec<(Hz, Hz)> = ranges.collect();
+        let is_own = |speed: &Hz| pending.iter().any(|(_, target)| target.shaft_speed == *speed);
+        let (own, others): (Vec<Hz>, Vec<Hz>) = shafts.into_iter().partition(is_own);
+        let rates = Rates { own_shafts: &own, other_shafts: &others, lines: &lines };
         let mut depth = Vec::new();
         let bands = bands::demodulation_bands(usable, min_width, self.band_levels);
         let octaves = bands::octaves_of_lowest(usable, Hz(fastest), self.band_levels);
@@ -181,13 +185,8 @@ impl<'m> LineReader<'m> {
             let tone = bins.and_then(|b| bearing::leading_tone(source, b, 1.0 / duration_s));
             let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
             if band.whitened {
-                let blows = impulses::read(
-                    &self.e2,
-                    &spectrum,
-                    (band, n_bins),
-                    (&shafts, &own),
-                    &mut self.scratch,
-                );
+                let blows =
+                    impulses::read(&self.e2, &spectrum, (band, n_bins), rates, &mut self.scratch);
                 self.blows.push(blows);
             }
             for (place, target) in pending {

@@ -11,6 +11,7 @@ use super::reach;
 use super::shaft_lines::Mains;
 use crate::machine::BearingIndex;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
 use crate::machine::bearing::FaultRates;
 use crate::machine::motor::MAINS_HZ;
 use crate::machine::sensor::Location;
@@ -44,6 +45,8 @@ pub(super) struct Target {
     pub(super) side_band_spacing: Hz,
     /// Of a race's line: the cage's rate seen from that race.
     pub(super) cage_spacing: Option<Hz>,
+    /// Of a race's line: where that of the rolling elements is searched.
+    pub(super) element_range: Option<(Hz, Hz)>,
     /// Whether it is the line of the race that does not turn.
     pub(super) is_at_rest: bool,
     /// Of the line of the race that turns: the sum of both races' rates.
@@ -92,9 +95,14 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
                 DefectLine::Bpfi | DefectLine::Bpfo => Some(Hz((shaft_speed.0 - ftf.0).abs())),
                 DefectLine::TwoBsf | DefectLine::Ftf => None,
             };
+            let of_elements = DefectLine::TwoBsf;
+            let element_range = cage_spacing.map(|_| {
+                reach::searched_range(of_elements, rates.two_bsf(), of_elements.band_of(&bands))
+            });
             let side_band_spacing = if line == DefectLine::TwoBsf { ftf } else { shaft_speed };
             let band = line.band_of(&bands);
-            let known = known_lines(machine, Hz(expected.0 * (1.0 + band.high)), (window, first));
+            let fastest = Hz(expected.0 * (1.0 + band.high));
+            let known = known_lines(machine, described.shaft, fastest, (window, first));
             let rival = rival(line, &rates, &bands);
             Target {
                 bearing,
@@ -105,6 +113,7 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
                 shaft_speed,
                 side_band_spacing,
                 cage_spacing,
+                element_range,
                 is_at_rest: line == at_rest,
                 sum_of_races: (line == turning)
                     .then_some(Hz(rates.bpfi.0.abs() + rates.bpfo.0.abs())),
@@ -115,21 +124,36 @@ pub(super) fn of_sensor(machine: &Machine, sensor: &Sensor, window: Hz, first: H
     targets
 }
 
-/// Lines of the machine below the highest harmonic of `expected` that are no bearing defect: of the shafts at the
+/// Highest multiple at which a shaft's lines are kept clear of for a bearing of another speed: vanes, jaws and knocks. Teeth are in the machine
+/// file, and what strikes at a slow rate has lines to either side of each of its multiples, by which it is told (F14).
+const OF_ANOTHER_SHAFT: u32 = 20;
+
+/// Side bands of a mesh at the speeds of its wheels, to either side.
+const MESH_SIDE_BANDS: u32 = 5;
+
+/// Lines of the machine below the highest harmonic of `expected` that are no defect of a bearing on the shaft `own`: of the shafts at the
 /// window's speed, and at `first` if that is another.
-fn known_lines(machine: &Machine, expected: Hz, (window, first): (Hz, Hz)) -> Vec<KnownLine> {
+fn known_lines(
+    machine: &Machine,
+    own: ShaftIndex,
+    expected: Hz,
+    (window, first): (Hz, Hz),
+) -> Vec<KnownLine> {
     let top = Hz(expected.0 * 1.1 * bearing::N_HARMONICS as f64);
+    let own_ratio = machine.shafts[own.0].ratio_to_first;
     let mut known = Vec::new();
     let other = Some(first).filter(|first| *first != window);
     for speed in std::iter::once(window).chain(other) {
-        for shaft in &machine.shafts {
+        for (i, shaft) in machine.shafts.iter().enumerate() {
             let Some(ratio) = shaft.ratio_to_first else { continue };
             let spacing = Hz(speed.0 * ratio);
-            let harmonics = harmonics_below(spacing, top).enumerate();
-            known.extend(harmonics.map(|(i, frequency)| KnownLine {
-                frequency,
-                spacing,
-                label: format!("{}× {}", i + 1, shaft.id),
+            let multiples = if shaft.ratio_to_first == own_ratio {
+                (1..=MULTIPLES).collect()
+            } else {
+                multiples_of_another(machine, ShaftIndex(i))
+            };
+            known.extend(multiples_below(spacing, multiples, top).map(|(k, frequency)| {
+                KnownLine { frequency, spacing, label: format!("{k}× {}", shaft.id) }
             }));
         }
     }
@@ -139,6 +163,21 @@ fn known_lines(machine: &Machine, expected: Hz, (window, first): (Hz, Hz)) -> Ve
         known.extend(mains.map(|frequency| KnownLine { frequency, spacing, label: label.clone() }));
     }
     known
+}
+
+/// Multiples at which a shaft has lines that a bearing of another speed may hear (F5): the first, and about those of its teeth.
+fn multiples_of_another(machine: &Machine, shaft: ShaftIndex) -> Vec<u32> {
+    let wheels = machine.gears.iter().flat_map(|gear| [&gear.driving, &gear.driven]);
+    let teeth = wheels.filter(|wheel| wheel.shaft == shaft).map(|wheel| wheel.teeth);
+    let about = |centre: u32| {
+        centre.saturating_sub(MESH_SIDE_BANDS)..=centre.saturating_add(MESH_SIDE_BANDS)
+    };
+    let of_meshes = teeth.flat_map(|n| (1..=MULTIPLES / n.max(1)).map(move |j| j * n));
+    let mut multiples: Vec<u32> =
+        (1..=OF_ANOTHER_SHAFT).chain(of_meshes.flat_map(about)).filter(|k| *k > 0).collect();
+    multiples.sort_unstable();
+    multiples.dedup();
+    multiples
 }
 
 impl Target {
@@ -170,6 +209,7 @@ impl Target {
             band: self.band,
             side_band_spacing: self.side_band_spacing,
             cage_spacing: self.cage_spacing,
+            element_range: self.element_range,
             is_at_rest: self.is_at_rest,
             sum_of_races: self.sum_of_races,
             shaft_speed: self.shaft_speed,
@@ -198,12 +238,23 @@ fn rival(line: DefectLine, rates: &FaultRates, bands: &OrderBands) -> Option<Def
         .find(|&other| meet(other, bands) && (wide(line) || wide(other) || !meet(other, &exact)))
 }
 
-/// Harmonics of `fundamental` below `top`, at most 200.
+/// Multiples of a rate that are looked at, at most.
+const MULTIPLES: u32 = 200;
+
+/// Harmonics of `fundamental` below `top`.
 fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
+    multiples_below(fundamental, (1..=MULTIPLES).collect(), top).map(|(_, line)| line)
+}
+
+/// Which of the multiples of `fundamental`, in ascending order, lie below `top`, and where.
+fn multiples_below(
+    fundamental: Hz,
+    multiples: Vec<u32>,
+    top: Hz,
+) -> impl Iterator<Item = (u32, Hz)> {
     let turns = fundamental.0 > 0.0;
-    (1..=200_u32)
-        .map(move |k| Hz(f64::from(k) * fundamental.0))
-        .take_while(move |line| turns && line.0 < top.0)
+    let lines = multiples.into_iter().map(move |k| (k, Hz(f64::from(k) * fundamental.0)));
+    lines.take_while(move |(_, line)| turns && line.0 < top.0)
 }
 
 /// Mains harmonics of the machine's motors below `top`.
@@ -264,6 +315,36 @@ mod tests {
         };
         assert_eq!(at_same_place("SKF 6008"), (false, false));
         assert_eq!(at_same_place("SKF 6008 QQ7"), (true, true));
+    }
+
+    #[test]
+    fn a_slow_shaft_covers_its_first_lines_and_those_of_its_teeth_alone() {
+        let of_wheel =
+            "[[gear]]\nid='g'\ndriving={shaft='s',teeth=23}\ndriven={shaft='slow',teeth=110}\n";
+        let multiples = |more: &str| -> Vec<u32> {
+            let text = format!(
+                "[machine]\nid='m'\n[[shaft]]\nid='s'\n{more}\
+                 [[bearing]]\nid='b'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
+                 [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={{bearing='b'}}\n"
+            );
+            let machine = file::parse(&text, "m.toml").unwrap();
+            let targets = of_sensor(&machine, &machine.sensors[0], Hz(30.0), Hz(30.0));
+            let own = targets[0].known.iter().filter(|line| line.spacing == Hz(30.0)).count();
+            assert_eq!(own, 23, "BPFI is 5.415: below 1.1·4 of it");
+            let slow = targets[0].known.iter().filter(|line| line.spacing.0 < 29.0);
+            slow.map(|line| line.label.strip_suffix("× slow").unwrap().parse().unwrap()).collect()
+        };
+        let slow = "[[shaft]]\nid='slow'\n";
+        assert_eq!(
+            multiples("[[shaft]]\nid='slow'\nratio_to={shaft='s',ratio=0.21}\n"),
+            (1..=20).collect::<Vec<_>>()
+        );
+        let teeth: Vec<u32> = (1..=20).chain(105..=113).collect();
+        assert_eq!(
+            multiples(&format!("{slow}{of_wheel}")),
+            teeth,
+            "the mesh, its side bands, below the top"
+        );
     }
 
     #[test]

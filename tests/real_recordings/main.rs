@@ -73,8 +73,13 @@ fn truth(data: &Path) -> Vec<TruthRow> {
 
 /// Diagnoses a capture of a data set by nothing but its samples and attributes.
 fn diagnose(data: &Path, row: &TruthRow, capture: &Path) -> Diagnosis {
+    diagnose_beside(data, row, capture, "")
+}
+
+/// The same of a machine with something `more` in its file.
+fn diagnose_beside(data: &Path, row: &TruthRow, capture: &Path, more: &str) -> Diagnosis {
     let machine_file = data.join("machines").join(format!("{}.toml", row.dataset));
-    let text = fs::read_to_string(&machine_file).unwrap();
+    let text = fs::read_to_string(&machine_file).unwrap() + more;
     let machine = file::parse(&text, &row.dataset).unwrap();
     let mut reference = Reference { machine: Some(Arc::new(machine)), ..Reference::default() };
     let learn = |file: &String| offline::learn(&data.join(file), &reference, &mut |_| ()).unwrap();
@@ -177,6 +182,40 @@ fn with_other_bearings(text: &str, real: &[[f64; 3]], draw: &mut impl FnMut() ->
         _ => format!("{line}\n"),
     });
     lines.collect()
+}
+
+#[test]
+#[ignore = "needs the real recordings: set ROTORWATCH_DATA"]
+fn a_slow_shaft_in_the_machine_file_hides_no_bearing() {
+    let Some(data) = data("a_slow_shaft_in_the_machine_file_hides_no_bearing") else { return };
+    let mut mistakes = Vec::new();
+    for row in truth(&data) {
+        let file = row.file.as_str();
+        let is_damaged = MUST_BE_RIGHT.contains(&file);
+        if !is_damaged && !MUST_BE_HEALTHY.contains(&file) {
+            continue;
+        }
+        let first = file::parse(
+            &fs::read_to_string(data.join("machines").join(format!("{}.toml", row.dataset)))
+                .unwrap(),
+            &row.dataset,
+        );
+        let first = first.unwrap().shafts[0].id.clone();
+        for ratio in [0.1113, 0.0517, 0.0213] {
+            let slow = format!(
+                "\n[[shaft]]\nid = \"slow\"\nratio_to = {{ shaft = \"{first}\", ratio = {ratio} }}\n"
+            );
+            let diagnosis = diagnose_beside(&data, &row, &data.join(&row.file), &slow);
+            let outcome = score::score(&row.known, &row.acceptable, &diagnosis).unwrap().outcome;
+            let bearings = scored(&diagnosis).filter(|c| c.kind == ComponentKind::Bearing);
+            let is_open = bearings.filter(|c| c.state == State::Undetermined).count() > 0;
+            println!("{:<52} {ratio} {}", row.file, Verdicts(&diagnosis));
+            if outcome != Outcome::Right || is_open && !is_damaged {
+                mistakes.push(format!("{file}, {ratio}: {}", Verdicts(&diagnosis)));
+            }
+        }
+    }
+    assert!(mistakes.is_empty(), "{mistakes:#?}");
 }
 
 #[test]

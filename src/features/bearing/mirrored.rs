@@ -3,7 +3,7 @@
 use super::DepthSpectrum;
 use super::Harmonic;
 use super::LineTask;
-use super::read::SIDE_BANDS;
+use super::outdone::SIDE_BANDS;
 use super::read::bin_at;
 use super::read::coinciding;
 use super::read::depth_at;

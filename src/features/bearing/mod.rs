@@ -10,6 +10,7 @@ mod carrier;
 mod covered;
 mod mirrored;
 mod noise;
+mod outdone;
 mod read;
 mod slower;
 
@@ -459,6 +460,8 @@ pub struct LineTask<'a> {
     pub side_band_spacing: Hz,
     /// Of a race's line: the cage's rate seen from that race.
     pub cage_spacing: Option<Hz>,
+    /// Of a race's line: where that of the rolling elements is searched.
+    pub element_range: Option<(Hz, Hz)>,
     /// Whether it is the line of the race that does not turn.
     pub is_at_rest: bool,
     /// Of the line of the race that turns: the sum of both races' rates. What the line lacks to it is the rate at which

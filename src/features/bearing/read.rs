@@ -14,8 +14,8 @@ use super::OVER_SHAFT;
 use super::Searched;
 use super::carrier;
 use super::covered;
-use super::least_part;
 use super::mirrored::is_mirrored;
+use super::outdone::higher_side_band;
 use super::searched_range;
 use super::slower::slower_rate;
 use crate::dsp::real::floor_index;
@@ -180,41 +180,6 @@ fn side_band(
         .max_by(|a, b| a.power_ratio.total_cmp(&b.power_ratio))
 }
 
-/// Side bands to either side that are held against the line.
-pub(super) const SIDE_BANDS: u32 = 2;
-
-/// How much higher one must be than the line: a defect that is struck once a turn has side bands as high as its line, and what else stands there
-/// or rings on into the next strike adds to them.
-const HIGHER: f64 = 1.2;
-
-/// The highest of the side bands, if it is surely higher than the line itself and its double higher than the line's (F28): strikes that a load
-/// modulates, which is never negative, have none such. What lies a side band beside a strike's rate has its double two side bands beside.
-fn higher_side_band(
-    spectrum: &DepthSpectrum<'_>,
-    task: &LineTask<'_>,
-    (frequency_hz, fundamental): (f64, Harmonic),
-) -> Option<Hz> {
-    let is_higher = |depth: f64| {
-        let over_floor = fundamental.power_ratio * (depth / fundamental.depth).powi(2);
-        depth * least_part(over_floor) > HIGHER * fundamental.depth
-    };
-    let places = (1..=SIDE_BANDS).flat_map(|k| {
-        [-1.0, 1.0].map(|sign| frequency_hz + sign * f64::from(k) * task.side_band_spacing.0)
-    });
-    let is_known = |hz: f64| coinciding(Hz(hz), task.known, task.resolution).is_some();
-    let top_hz = spectrum.depth.len() as f64 * spectrum.bin_hz;
-    let double_is_higher = |hz: f64| {
-        let (own, other) = (2.0 * frequency_hz, 2.0 * hz);
-        let is_unread = own.max(other) >= top_hz || is_known(own) || is_known(other);
-        is_unread || depth_at(spectrum, other) > depth_at(spectrum, own)
-    };
-    let highest = places
-        .filter(|hz| *hz > task.resolution.0 && !is_known(*hz) && double_is_higher(*hz))
-        .map(|hz| (hz, depth_at(spectrum, hz)))
-        .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    is_higher(highest.1).then_some(Hz(highest.0))
-}
-
 /// Two lines are apart if the spectrum falls between them to this part of the lower; Hann lobes of lines that are resolved do
 /// not meet.
 pub(super) const VALLEY: f64 = 0.25;
@@ -257,10 +222,21 @@ fn shaft_depth(spectrum: &DepthSpectrum<'_>, task: &LineTask<'_>, frequency_hz: 
 
 /// Depth of the highest of three bins at a known place.
 pub(in crate::features) fn depth_at(spectrum: &DepthSpectrum<'_>, frequency_hz: f64) -> f64 {
-    let centre = bin_at(frequency_hz.max(0.0), spectrum.bin_hz);
-    let near = (centre.saturating_sub(1)..=centre + 1).filter(|k| *k < spectrum.depth.len());
+    highest_within(spectrum, frequency_hz, 0.0).1
+}
+
+/// Place and depth of the highest of the bins within `reach_hz` of a place, and of one more to either side.
+pub(super) fn highest_within(
+    spectrum: &DepthSpectrum<'_>,
+    centre_hz: f64,
+    reach_hz: f64,
+) -> (f64, f64) {
+    let first = bin_at((centre_hz - reach_hz).max(0.0), spectrum.bin_hz).saturating_sub(1);
+    let last = bin_at((centre_hz + reach_hz).max(0.0), spectrum.bin_hz) + 1;
+    let near = (first..=last).filter(|k| *k < spectrum.depth.len());
     let highest = near.max_by(|a, b| spectrum.depth[*a].total_cmp(&spectrum.depth[*b]));
-    highest.map_or(0.0, |k| peak_height(spectrum.depth, k))
+    highest
+        .map_or((centre_hz, 0.0), |k| (k as f64 * spectrum.bin_hz, peak_height(spectrum.depth, k)))
 }
 
 /// Strongest local maximum of `first..=last` that no known line covers, and what it was searched in: what rises towards a bin

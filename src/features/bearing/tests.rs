@@ -5,7 +5,7 @@ use super::*;
 use crate::dsp::real::Real;
 use crate::dsp::real::floor_index;
 
-const BAND: Band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
+pub(super) const BAND: Band = Band { low: Hz(0.0), high: Hz(5000.0), whitened: false };
 
 /// Flat pseudo-noise of depth about 0.01 and lines of given depth at harmonics of `rate_hz`.
 fn spectrum_with(rate_hz: f64, depths: &[f32], bin_hz: f64) -> Vec<f32> {
@@ -35,6 +35,7 @@ pub(super) fn task(known: &[KnownLine]) -> LineTask<'_> {
         band: RelativeBand::default(),
         side_band_spacing: Hz(25.0),
         cage_spacing: None,
+        element_range: None,
         is_at_rest: false,
         sum_of_races: None,
         shaft_speed: Hz(28.0),
@@ -233,26 +234,6 @@ fn what_stands_on_either_side_of_a_shafts_harmonic_is_that_ones() {
     };
     let reading = read_line(&of_ten_seconds(&half), BAND, &task, &mut Vec::new()).unwrap();
     assert!(!reading.is_mirrored && reading.side_band.unwrap().depth > 0.25);
-}
-
-#[test]
-fn a_side_band_higher_than_the_line_is_what_the_line_is_a_side_band_of() {
-    // Beside a line at 100 Hz, side bands 25 Hz apart.
-    let outdone = |beside: &[(f64, f64)], known: &[KnownLine]| {
-        let lines = [&[(100.0, 0.5), (200.0, 0.3)], beside].concat();
-        let depth = spectrum_of(&lines, 0.05);
-        read_line(&of_ten_seconds(&depth), BAND, &task(known), &mut Vec::new()).unwrap().outdone_by
-    };
-    let place = |found: Option<Hz>| found.map(|hz| hz.0.round());
-    assert_eq!(place(outdone(&[(125.0, 0.7), (250.0, 0.4)], &[])), Some(125.0));
-    assert_eq!(outdone(&[(125.0, 0.7), (250.0, 0.2)], &[]), None, "its double is no other's");
-    let below = [(75.0, 0.6), (150.0, 0.4), (50.0, 0.7)];
-    assert_eq!(place(outdone(&below, &[])), Some(50.0), "the highest, and twice that is the line");
-    assert_eq!(outdone(&[(125.0, 0.48), (75.0, 0.4)], &[]), None, "a load that is never negative");
-    assert_eq!(outdone(&[(125.0, 0.56)], &[]), None, "struck once a turn");
-    assert_eq!(outdone(&[(25.0, 0.9), (112.0, 0.9)], &[]), None, "no side bands");
-    let mains = KnownLine { frequency: Hz(125.0), spacing: Hz(125.0), label: "mains".to_owned() };
-    assert_eq!(outdone(&[(125.0, 0.7)], &[mains]), None, "the mains'");
 }
 
 #[test]
