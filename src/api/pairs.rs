@@ -3,6 +3,7 @@
 use super::error::ApiError;
 use super::signals::Run;
 use super::wire::signals::Validity;
+use crate::dsp::real::floor_index;
 use crate::machine::Machine;
 
 /// Finds the channel of the sensor that forms a pair with the one of `name`; `parameter` is what names another one.
@@ -27,7 +28,8 @@ pub(super) fn pairs(machine: &Machine) -> impl Iterator<Item = (&str, &str)> {
     machine.sensor_pairs().into_iter().map(move |pair| (channel(pair.x), channel(pair.y)))
 }
 
-/// First sample that two runs share, and the samples of both from there on, equally many.
+/// First sample of x at an instant, to half a sample, that two runs share, and the samples of both from there on, equally many.
+/// Not by their indices: those of two senders count from different instants.
 pub(super) fn together<'r>(
     x: &'r Run,
     y: &'r Run,
@@ -37,15 +39,14 @@ pub(super) fn together<'r>(
             "the two channels of a pair need one unit and one rate".to_owned(),
         ));
     }
-    let end = |run: &Run| run.waveform.start + run.waveform.samples.len() as u64;
-    let first = x.waveform.start.max(y.waveform.start);
-    let n = usize::try_from(end(x).min(end(y)).saturating_sub(first)).unwrap_or(0);
-    let part = |run: &'r Run| {
-        let from = usize::try_from(first - run.waveform.start).ok()?;
-        run.waveform.samples.get(from..)?.get(..n)
-    };
-    match (part(x), part(y)) {
-        (Some(x), Some(y)) if n > 0 => Ok((first, x, y)),
+    let later_s = y.waveform.start_time_s - x.waveform.start_time_s;
+    let later = (later_s * x.info.sample_rate.0).round();
+    // So many samples of the one that begins first come before the other begins.
+    let (from_x, from_y) = (floor_index(later.max(0.0)), floor_index((-later).max(0.0)));
+    let (x_rest, y_rest) = (x.waveform.samples.get(from_x..), y.waveform.samples.get(from_y..));
+    let n = x_rest.map_or(0, <[f32]>::len).min(y_rest.map_or(0, <[f32]>::len));
+    match (x_rest.and_then(|x| x.get(..n)), y_rest.and_then(|y| y.get(..n))) {
+        (Some(xs), Some(ys)) if n > 0 => Ok((x.waveform.start + from_x as u64, xs, ys)),
         _ => Err(ApiError::NotFound("the two channels hold no samples of one time".to_owned())),
     }
 }
@@ -59,4 +60,42 @@ pub(super) fn worse(a: Validity, b: Validity) -> Validity {
         Validity::Stale => 3,
     };
     if rank(b) > rank(a) { b } else { a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::view::Waveform;
+    use crate::signal::ChannelInfo;
+    use crate::units::Hz;
+    use crate::units::Unit;
+
+    /// Fifty samples, ten a second, 0, 1, 2 ….
+    fn run(start: u64, start_time_s: f64) -> Run {
+        let info = ChannelInfo {
+            name: "x".to_owned(),
+            sample_rate: Hz(10.0),
+            unit: Unit::Micrometre,
+            offset: 0.0,
+            unit_conflict: None,
+            full_scale: None,
+        };
+        let samples = (0..50_u8).map(f32::from).collect();
+        Run { info, waveform: Waveform { start, start_time_s, samples }, validity: Validity::Ok }
+    }
+
+    #[test]
+    fn runs_are_laid_side_by_side_by_their_times() {
+        let (x, y) = (run(100, 7.0), run(100, 7.0));
+        let (first, xs, ys) = together(&x, &y).unwrap();
+        assert_eq!((first, xs.len(), xs == ys), (100, 50, true));
+        // The other sender began 2 s later, so that its sample 100 is sample 120 of the first.
+        let late = run(100, 9.0);
+        let (first, xs, ys) = together(&x, &late).unwrap();
+        assert_eq!((first, xs.len(), ys.len()), (120, 30, 30));
+        assert_eq!((xs[0], ys[0]), (20.0, 0.0));
+        let (first, xs, ys) = together(&late, &x).unwrap();
+        assert_eq!((first, xs[0], ys[0], xs.len()), (100, 0.0, 20.0, 30));
+        assert!(together(&x, &run(100, 13.0)).is_err(), "nothing in common");
+    }
 }

@@ -92,8 +92,8 @@ pub(super) fn read(machine: &Machine, first: Hz, traces: &[&Trace<'_>]) -> Vec<C
     let of = |sensor: usize| traces.iter().copied().find(|t| t.sensor == sensor);
     let spectra = machine.sensor_pairs().into_iter().filter_map(|pair| {
         let (x, y) = (of(pair.x)?, of(pair.y)?);
-        let alike = (x.rate, x.range, x.samples.len()) == (y.rate, y.range, y.samples.len());
-        let is_asked = machine.sensors[pair.x].kind == SensorKind::Accelerometer && alike;
+        let is_asked =
+            machine.sensors[pair.x].kind == SensorKind::Accelerometer && x.is_simultaneous(y);
         is_asked.then(|| (x, y, PowerSpectrum::of_traces([x, y])))
     });
     let spectra: Vec<_> = spectra.collect();

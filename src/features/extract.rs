@@ -329,9 +329,7 @@ impl Extractor {
             let (x, y) = (&traces[ix], &traces[iy]);
             let info = &self.channels[x.channel.0];
             let other = &self.channels[y.channel.0];
-            let same = (x.rate, info.unit, x.range) == (y.rate, other.unit, y.range)
-                && x.samples.len() == y.samples.len();
-            if !same {
+            if info.unit != other.unit || !x.is_simultaneous(y) {
                 continue;
             }
             if machine.sensors[pair.x].kind == SensorKind::Proximitor {

@@ -65,6 +65,16 @@ impl<'a> Trace<'a> {
         self.rate = rate;
     }
 
+    /// Whether sample by sample both were taken at the same instants, to half a sample: indices of two senders count from
+    /// different instants.
+    pub(super) fn is_simultaneous(&self, other: &Self) -> bool {
+        let apart = (self.start_s() - other.start_s()).abs() * self.rate.0;
+        self.rate == other.rate
+            && self.samples.len() == other.samples.len()
+            && self.all.samples.len() == other.all.samples.len()
+            && apart <= 0.5
+    }
+
     /// Stream time of the first of all samples, s.
     pub(super) fn start_s(&self) -> f64 {
         self.all.time_s
