@@ -295,17 +295,33 @@ pub fn samples_used<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> u64 {
     total.saturating_sub(set_aside)
 }
 
+/// Counts samples that windows set aside, each once though windows may overlap.
+#[derive(Debug, Default)]
+pub struct SetAsideCount {
+    /// Of each channel one past the last that was counted.
+    until: BTreeMap<String, u64>,
+}
+
+impl SetAsideCount {
+    /// How many samples a window sets aside that none before it has; windows come in their order.
+    pub fn count_new(&mut self, window: &Judged) -> u64 {
+        let mut n = 0;
+        for (channel, at) in &window.set_aside {
+            let until = self.until.entry(channel.clone()).or_insert(0);
+            n += u64::from(*at >= *until);
+            *until = (*until).max(at + 1);
+        }
+        n
+    }
+}
+
 /// Samples in windows in their order, and those of them that were set aside, each counted once though windows may overlap.
 pub fn samples_in<'a>(windows: impl IntoIterator<Item = &'a Judged>) -> (u64, u64) {
     let mut reached: BTreeMap<&str, u64> = BTreeMap::new();
-    let mut counted: BTreeMap<&str, u64> = BTreeMap::new();
+    let mut counted = SetAsideCount::default();
     let (mut total, mut set_aside) = (0, 0);
     for window in windows {
-        for (channel, at) in &window.set_aside {
-            let until = counted.entry(channel.as_str()).or_insert(0);
-            set_aside += u64::from(*at >= *until);
-            *until = (*until).max(at + 1);
-        }
+        set_aside += counted.count_new(window);
         for (channel, start, end) in &window.sample_ranges {
             let from = reached.entry(channel.as_str()).or_insert(0);
             total += end.saturating_sub((*start).max(*from));

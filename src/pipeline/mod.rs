@@ -23,6 +23,7 @@ use crate::diagnosis::baseline::Record;
 use crate::diagnosis::drift;
 use crate::diagnosis::summary;
 use crate::diagnosis::summary::Judged;
+use crate::diagnosis::summary::SetAsideCount;
 use crate::diagnosis::verdict::BaselineUse;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
@@ -108,8 +109,7 @@ pub struct Monitor {
     n_runs: u64,
     provisional: Vec<(Option<Hz>, Vec<ChannelFeatures>)>,
     rejected: Vec<(String, u64)>,
-    /// Of each channel one past the last sample that was set aside.
-    set_aside_until: Vec<u64>,
+    set_aside: SetAsideCount,
     alarms: AlarmEngine,
 }
 
@@ -151,7 +151,7 @@ impl Monitor {
             n_runs: 0,
             provisional: Vec::new(),
             rejected: Vec::new(),
-            set_aside_until: vec![0; channels.len()],
+            set_aside: SetAsideCount::default(),
             alarms: AlarmEngine::of_machine(&machine, &channels, settings.alarms.clone()),
             settings,
             machine,
@@ -174,7 +174,13 @@ impl Monitor {
     }
 
     /// Takes one block in and calls `emit` for every window it completes.
+    ///
+    /// A block of a channel that no sensor names is kept to be looked at; windows neither wait for it nor begin or end by it.
     pub fn step(&mut self, block: &Block, emit: &mut dyn FnMut(Outcome)) {
+        if !self.extractor.channel_of_sensor().contains(&Some(block.channel)) {
+            self.rings[block.channel.0].push(block);
+            return;
+        }
         let (_, fastest) = self.reached();
         let other_segment = self.segment.is_some_and(|segment| segment != block.segment);
         // A hole longer than a window ends the run: no windows are laid over nothing.
@@ -403,15 +409,7 @@ impl Monitor {
 
     /// Counts what the window sets aside beyond what those before it have.
     fn count_set_aside(&mut self, judged: &Judged) {
-        let mut n = 0;
-        for (channel, at) in &judged.set_aside {
-            let Some(place) = self.channels.iter().position(|info| info.name == *channel) else {
-                continue;
-            };
-            let counted = &mut self.set_aside_until[place];
-            n += u64::from(*at >= *counted);
-            *counted = (*counted).max(at + 1);
-        }
+        let n = self.set_aside.count_new(judged);
         if n > 0 {
             self.count_rejected(n, SET_ASIDE);
         }

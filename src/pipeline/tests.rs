@@ -96,6 +96,30 @@ fn run(blocks: &[Block]) -> (Vec<Outcome>, Monitor) {
 }
 
 #[test]
+fn a_channel_that_no_sensor_names_neither_ends_nor_begins_windows() {
+    let x = signal(60_000);
+    let machine = Arc::new(file::parse(MACHINE, "m.toml").unwrap());
+    let channels = vec![channel("acc"), channel("oil")];
+    let mut monitor =
+        Monitor::new(machine, channels, SpeedHints::default(), &Settings::default()).unwrap();
+    let mut outcomes = Vec::new();
+    for block in blocks(&x, 0..60_000, 1000) {
+        // Twenty seconds ahead, and in another run.
+        let time_s = block.time_s + 20.0;
+        let oil = Block { channel: ChannelIndex(1), time_s, segment: 3, ..block.clone() };
+        monitor.step(&oil, &mut |o| outcomes.push(o));
+        monitor.step(&block, &mut |o| outcomes.push(o));
+    }
+    monitor.finish(&mut |o| outcomes.push(o));
+    let alone = run(&blocks(&x, 0..60_000, 1000)).0;
+    let verdicts = |outcomes: &[Outcome]| -> Vec<_> {
+        outcomes.iter().map(|o| o.diagnosis.components.clone()).collect()
+    };
+    assert_eq!(verdicts(&outcomes), verdicts(&alone));
+    assert_eq!(monitor.rings[1].status().newest, SampleIndex(60_000), "kept all the same");
+}
+
+#[test]
 fn an_inner_race_defect_is_found_and_raises_an_alarm() {
     let x = signal(60_000);
     let (outcomes, _) = run(&blocks(&x, 0..60_000, 1000));

@@ -19,7 +19,9 @@ pub use state::LOAD_TOLERANCE;
 pub use state::OperatingPoint;
 pub use state::SPEED_TOLERANCE;
 
+use super::fault::State;
 use super::verdict::BaselineUse;
+use super::verdict::ComponentDiagnosis;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::run_up;
@@ -42,6 +44,9 @@ const RATIO: &str = "_ratio";
 pub fn is_ratio(feature: &str) -> bool {
     feature.contains("cwt_") && feature.ends_with(RATIO)
 }
+
+/// Most confidence in the health of what a provisional baseline alone acquits: nothing tells what it was like.
+const PROVISIONAL_CONFIDENCE: f64 = 0.5;
 
 /// The healthy records of a machine.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -72,6 +77,16 @@ impl Comparison {
 }
 
 impl Baseline {
+    /// Adds to the verdict on a component that this baseline acquits what that is worth if it is only the record's own beginning.
+    pub fn qualify(&self, verdict: &mut ComponentDiagnosis) {
+        if self.provisional && verdict.state == State::Healthy {
+            verdict.confidence = verdict.confidence.map(|c| c.min(PROVISIONAL_CONFIDENCE));
+            verdict.why.push_str(
+                "; the baseline is this record's own beginning, so nothing has changed since, and health is not proven",
+            );
+        }
+    }
+
     /// The records, but for what is in other units than `channels`: of those nothing is left but the reason, since a ratio of two
     /// units says nothing.
     #[must_use]
@@ -205,6 +220,7 @@ fn fitting(record: &Record, now: &OperatingPoint) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnosis::fault::ComponentKind;
     use crate::units::Hz;
 
     fn record(name: &str, speed: f64, value: f64) -> Record {
@@ -224,6 +240,26 @@ mod tests {
 
     fn at(speed: f64, load: Option<f64>) -> OperatingPoint {
         OperatingPoint { speed: Some(Hz(speed)), load }
+    }
+
+    #[test]
+    fn a_records_own_beginning_proves_no_health() {
+        let verdict = |state: State| ComponentDiagnosis {
+            state,
+            confidence: Some(0.9),
+            why: "1.02 times its baseline".to_owned(),
+            ..ComponentDiagnosis::undetermined("s", ComponentKind::Shaft, String::new())
+        };
+        let qualified = |provisional: bool, state: State| {
+            let mut verdict = verdict(state);
+            Baseline { records: Vec::new(), provisional }.qualify(&mut verdict);
+            verdict
+        };
+        let acquitted = qualified(true, State::Healthy);
+        assert_eq!(acquitted.confidence, Some(0.5));
+        assert!(acquitted.why.ends_with("health is not proven"), "{}", acquitted.why);
+        assert_eq!(qualified(true, State::Damaged), verdict(State::Damaged), "change is proven");
+        assert_eq!(qualified(false, State::Healthy), verdict(State::Healthy));
     }
 
     #[test]

@@ -63,6 +63,7 @@ pub fn judge(
     verdicts.extend(
         (0..machine.gears.len()).map(|g| gear::judge_gear(GearIndex(g), beside, features, context)),
     );
+    verdicts.iter_mut().for_each(|verdict| context.baseline.qualify(verdict));
     verdicts
 }
 
