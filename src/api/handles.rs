@@ -352,6 +352,7 @@ mod tests {
             ledger: Ledger::default(),
             counted_since: Timestamp(0),
             clock: ppm.map(|ppm| Estimate { ppm, span_s: 60.0 }),
+            doubt: None,
             stated_until: until.map(Timestamp),
             rate_hz: 1e4,
             sender: None,

@@ -138,6 +138,13 @@ pub(super) struct Watch {
     descriptions: Descriptions,
 }
 
+/// How far the store has been seen by all machines.
+#[derive(Debug, Clone, Copy, Default)]
+struct Seen {
+    version: Option<i64>,
+    newest_act: Option<i64>,
+}
+
 impl Watch {
     /// A watch for these machines.
     ///
@@ -153,7 +160,7 @@ impl Watch {
 
     /// Watches until the stop.
     pub(super) fn run(&self, stop: &Stop) {
-        let (mut seen, mut is_failing) = (None, false);
+        let (mut seen, mut is_failing) = (Seen::default(), false);
         loop {
             match self.look(seen) {
                 Ok(now) => (seen, is_failing) = (now, false),
@@ -169,11 +176,16 @@ impl Watch {
         }
     }
 
-    /// Hands out what is active if the store is another than `seen`; gives what has been seen by all.
-    fn look(&self, seen: Option<i64>) -> Result<Option<i64>, StoreError> {
-        let now = self.store.version()?;
-        if seen == Some(now) {
+    /// Hands out what is active if somebody has acted on a baseline since `seen`; gives what has been seen by all.
+    fn look(&self, seen: Seen) -> Result<Seen, StoreError> {
+        let version = Some(self.store.version()?);
+        if seen.version == version {
             return Ok(seen);
+        }
+        // Alarms and delays change the store as well, every second where machines are many.
+        let newest_act = Some(self.store.newest_act()?);
+        if seen.newest_act == newest_act {
+            return Ok(Seen { version, newest_act });
         }
         let mut all_told = true;
         for handle in &self.machines {
@@ -182,7 +194,7 @@ impl Watch {
             all_told &= (handle.submit)(ShardRequest::UseBaselines { records, reply }).is_ok();
         }
         self.describe()?;
-        Ok(all_told.then_some(now))
+        Ok(if all_told { Seen { version, newest_act } } else { Seen::default() })
     }
 
     /// What is new was learned of the machines as they are described now.

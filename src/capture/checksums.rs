@@ -81,7 +81,7 @@ pub(super) fn attach(
         let problem = "some channels have the attribute samples here and some have not";
         return Err(damaged(checks, "/checksums", problem));
     }
-    check_statement(checks, stated, info, segments, finished != 0)?;
+    check_statement(checks, file, stated, info, (segments, finished != 0))?;
     for channel in &mut info.channels {
         channel.storage.push_str(", checksums");
     }
@@ -159,10 +159,10 @@ fn whole(
 /// Compares what the file states about itself with the sum of what was written.
 fn check_statement(
     checks: &Checks<'_>,
+    file: &File,
     stated: Option<f64>,
     info: &CaptureInfo,
-    segments: &Segments,
-    finished: bool,
+    (segments, finished): (&Segments, bool),
 ) -> Result<(), CaptureError> {
     let Some(stated) = stated else {
         // A recording need not have one: its writer may have been killed at any moment.
@@ -176,11 +176,15 @@ fn check_statement(
         info.shaft_speed,
     );
     for channel in &info.channels {
+        // Not what an option gave in its stead.
+        let path = format!("channels/{}", channel.info.name);
+        let dataset = file.dataset(&path).map_err(|e| checks.library(&path, e))?;
+        let unit = checks.text(&dataset, &path, "unit")?;
         statement.channel(&ChannelFacts {
             name: &channel.info.name,
             number_type: channel.number_type,
             sample_rate: channel.info.sample_rate,
-            unit: channel.unit_text.as_deref(),
+            unit: unit.as_deref(),
             sensor: channel.sensor.as_deref(),
             scale: channel.scale,
             offset: channel.offset,

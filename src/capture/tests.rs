@@ -451,6 +451,19 @@ fn sensor(channel: &str, unit: &str) -> Sensor {
 }
 
 #[test]
+fn a_unit_that_an_option_gives_is_none_that_the_checksum_covers() {
+    let (_folder, path) = scratch();
+    let mut writer = CaptureWriter::create(&path, &CaptureHeader::default()).unwrap();
+    let unstated = ChannelHeader { unit: None, ..channel("x", 100.0, ChannelStorage::Contiguous) };
+    writer.channel(&unstated, ChannelSamples::F32(&[1.0, -2.0])).unwrap();
+    writer.finish().unwrap();
+    let hints = Hints { unit: Some("g".to_owned()), ..Hints::default() };
+    let mut reader = CaptureReader::open(&path, None, &hints).unwrap();
+    assert_eq!(reader.info().channels[0].info.unit, Unit::MetrePerSecondSquared);
+    assert_eq!(reader.next_block().unwrap().unwrap().samples, [9.806_65, -19.613_3]);
+}
+
+#[test]
 fn the_machine_files_unit_scales_the_samples_and_absent_channels_are_listed() {
     let (_folder, path) = scratch();
     let mut writer = CaptureWriter::create(&path, &CaptureHeader::default()).unwrap();

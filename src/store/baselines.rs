@@ -19,6 +19,7 @@ use crate::diagnosis::baseline::signed::Signed;
 use crate::signal::Timestamp;
 use crate::units::Hz;
 use rusqlite::Connection;
+use rusqlite::OptionalExtension;
 use rusqlite::Transaction;
 use rusqlite::TransactionBehavior;
 use rusqlite::params;
@@ -333,5 +334,11 @@ impl BaselineStore for SqliteBaselines {
         self.connection()
             .query_row("PRAGMA data_version", (), |row| row.get(0))
             .map_err(|source| failed("asking for the store's version", source))
+    }
+
+    fn newest_act(&self) -> Result<i64, StoreError> {
+        let newest = "SELECT id FROM audit WHERE baseline IS NOT NULL ORDER BY id DESC LIMIT 1";
+        let found = self.connection().query_row(newest, (), |row| row.get(0)).optional();
+        found.map(Option::unwrap_or_default).map_err(|source| failed("asking for acts", source))
     }
 }

@@ -160,14 +160,24 @@ fn beside_a_daemon_of_this_version_only_and_seen_by_it() {
     let dir = TempDir::new().unwrap();
     let daemon = sqlite::open(dir.path()).unwrap();
     let of_daemon = SqliteBaselines::join(dir.path()).unwrap();
-    let before = of_daemon.version().unwrap();
+    let (before, no_act) = (of_daemon.version().unwrap(), of_daemon.newest_act().unwrap());
     let of_command = SqliteBaselines::open(dir.path()).unwrap();
     of_command.learn(&signed("rig-1", 10.0, 1.0), &[]).unwrap();
     assert_ne!(of_daemon.version().unwrap(), before);
+    let learned = of_daemon.newest_act().unwrap();
+    assert!(learned > no_act);
     assert_eq!(of_daemon.baselines("rig-1").unwrap().len(), 1);
     let (before, other) = (of_daemon.version().unwrap(), signed("rig-1", 20.0, 1.0));
     of_daemon.learn(&other, &[]).unwrap();
     assert_eq!(of_daemon.version().unwrap(), before, "its own act is no news");
+    let newest = of_daemon.newest_act().unwrap();
+    assert!(newest > learned);
+    // What others write beside baselines is no act on one.
+    let beside = "INSERT INTO audit (recorded_utc, author, action, machine, comment)
+         VALUES (1, 'A. Berg', 'shelved', 'rig-1', '')";
+    Connection::open(dir.path().join(sqlite::FILE)).unwrap().execute(beside, ()).unwrap();
+    assert_ne!(of_daemon.version().unwrap(), before);
+    assert_eq!(of_daemon.newest_act().unwrap(), newest);
     let file = dir.path().join(sqlite::FILE);
     Connection::open(file).unwrap().pragma_update(None, "user_version", 2).unwrap();
     let text = SqliteBaselines::open(dir.path()).unwrap_err().to_string();

@@ -276,6 +276,12 @@ pub trait BaselineStore: Send + Sync {
     /// # Errors
     /// When it cannot be read.
     fn version(&self) -> Result<i64, StoreError>;
+
+    /// A number that is a higher one after each act on a baseline of any machine, whoever did it.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    fn newest_act(&self) -> Result<i64, StoreError>;
 }
 
 /// Records of the active baselines of a machine; one that is not as it was signed is logged and left out.

@@ -99,7 +99,7 @@ pub struct LedgerWire {
     pub clock_drift_ppm: Option<f64>,
     /// Samples a second by the wall clock.
     pub measured_rate_hz: Option<f64>,
-    /// What is wrong with the clock: a rate that is off by more than clocks drift.
+    /// What is wrong with what comes: a rate that is off by more than clocks drift, or samples that had all come before.
     pub warning: Option<String>,
     /// Where it is sent from at the moment; null: nobody sends it.
     pub sender: Option<String>,
@@ -123,7 +123,7 @@ impl LedgerWire {
                     counted_since: at(status.counted_since),
                     clock_drift_ppm: clock.and_then(|clock| finite(clock.ppm)),
                     measured_rate_hz: clock.and_then(|clock| finite(clock.rate_hz(status.rate_hz))),
-                    warning: clock.and_then(|clock| clock.doubt(status.rate_hz)),
+                    warning: status.doubt.clone(),
                     sender,
                     sender_since: since.map(at),
                 }

@@ -82,6 +82,10 @@ impl BaselineStore for Falling {
     fn version(&self) -> Result<i64, StoreError> {
         Ok(0)
     }
+
+    fn newest_act(&self) -> Result<i64, StoreError> {
+        Ok(0)
+    }
 }
 
 fn live() -> Opened {

@@ -85,6 +85,8 @@ pub struct ChannelStatus {
     pub counted_since: Timestamp,
     /// How its clock runs, if that is known.
     pub clock: Option<Estimate>,
+    /// What is wrong with what comes, for people.
+    pub doubt: Option<String>,
     /// Time that its sender stated of one past the newest sample, UTC; `None`: it stated none.
     pub stated_until: Option<Timestamp>,
     /// Samples a second, as stated.
@@ -402,10 +404,10 @@ impl Intake {
         lanes.map(|lane| (lane.described.name.as_str(), &lane.ledger))
     }
 
-    /// Whose clock runs so wrong that its rate cannot be what is stated, for people.
+    /// What is wrong with what comes: a clock that runs so wrong that its rate cannot be what is stated, samples that had all come before.
     pub fn doubts(&mut self) -> Vec<String> {
         let doubt = |lane: &mut Lane| {
-            let doubt = lane.drift.estimate()?.doubt(lane.described.rate_hz)?;
+            let doubt = lane.doubt()?;
             Some(format!("channel `{}`: {doubt}", lane.described.name))
         };
         self.lanes.values_mut().filter_map(doubt).collect()
@@ -422,6 +424,7 @@ impl Intake {
                 ledger: lane.ledger,
                 counted_since: lane.counted_since.unwrap_or(origin),
                 clock: lane.drift.estimate(),
+                doubt: lane.doubt(),
                 stated_until: lane.stated_until,
                 rate_hz: lane.described.rate_hz,
                 sender: sender.map(|sender| (sender.peer.clone(), sender.since)),

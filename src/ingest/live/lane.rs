@@ -60,7 +60,12 @@ pub(super) struct Lane {
     /// Time that the sender states of one past its newest sample, UTC; `None`: it states none.
     pub(super) stated_until: Option<Timestamp>,
     pub(super) drift: Drift,
+    /// Samples in a row that had come before.
+    repeated: u64,
 }
+
+/// Time for which nothing but samples come that had come before until that is told, s: after a break a sender sends some again.
+const REPEATED_S: f64 = 5.0;
 
 /// Where an epoch lies.
 #[derive(Debug, Clone, Copy)]
@@ -156,6 +161,7 @@ impl Lane {
             counted_since: None,
             stated_until: None,
             drift: Drift::default(),
+            repeated: 0,
         })
     }
 
@@ -174,6 +180,20 @@ impl Lane {
         self.anchor = None;
         self.gaps.clear();
         self.drift = Drift::default();
+        self.repeated = 0;
+    }
+
+    /// What is wrong with what comes, for people; `None`: nothing is known to be.
+    pub(super) fn doubt(&mut self) -> Option<String> {
+        let rate_hz = self.described.rate_hz;
+        if self.repeated as f64 >= REPEATED_S * rate_hz {
+            let (n, epoch) = (self.repeated, self.epoch.unwrap_or_default());
+            return Some(format!(
+                "the newest {n} samples had come before, and none of them is used: a sender that begins anew must state another \
+                 epoch than {epoch}"
+            ));
+        }
+        self.drift.estimate()?.doubt(rate_hz)
     }
 
     /// Takes over what another description of the channel has counted and where it has come to.
@@ -235,6 +255,7 @@ impl Lane {
             let n_late = self.take_from_gaps(block.first, end);
             self.ledger.late += n_late;
             self.ledger.duplicate += n - n_late;
+            self.repeated += n - n_late;
             return Taken::default();
         }
         self.ledger.blocks_lost += block.sequence - self.next.sequence;
@@ -246,8 +267,10 @@ impl Lane {
             self.ledger.duplicate += n_known - n_late;
         }
         if n_known == n {
+            self.repeated += n;
             return Taken::default();
         }
+        self.repeated = 0;
         let first = block.first + n_known;
         if first > self.next.index {
             self.note_gap(self.next.index, first);

@@ -157,6 +157,30 @@ fn a_block_without_a_time_is_placed_by_its_arrival() {
 }
 
 #[test]
+fn a_sender_that_begins_anew_with_its_old_epoch_is_told() {
+    let mut intake = intake();
+    admit(&mut intake, 1, 0.0, &hello(1, vec![channel("x", SampleType::I16)])).unwrap();
+    let second = |k: u64| Owned::ramp(k, 1000 * k, 1000, k as f64);
+    for k in 0..20 {
+        take(&mut intake, 1, &second(k), (k + 1) as f64).unwrap();
+    }
+    // The first seconds again, as of a program that counts from 0 and keeps its epoch.
+    for k in 0..4 {
+        take(&mut intake, 1, &second(k), (21 + k) as f64).unwrap();
+    }
+    assert_eq!(intake.status()[0].doubt, None, "a sender repeats some after a break");
+    take(&mut intake, 1, &second(4), 25.0).unwrap();
+    let told = intake.status()[0].doubt.clone().unwrap();
+    assert!(
+        told.contains("5000 samples had come before") && told.contains("epoch than 1"),
+        "{told}"
+    );
+    assert_eq!(intake.doubts(), [format!("channel `x`: {told}")]);
+    take(&mut intake, 1, &second(20), 26.0).unwrap();
+    assert_eq!(intake.status()[0].doubt, None, "new ones come");
+}
+
+#[test]
 fn a_clock_that_drifts_is_seen_by_arrivals() {
     let mut intake = intake();
     admit(&mut intake, 1, 0.0, &hello(1, vec![channel("x", SampleType::I16)])).unwrap();
