@@ -79,7 +79,7 @@ impl Alarming {
             SourceState::Failed(why) => DataFlow::Failed(why),
             SourceState::Starting | SourceState::Running if self.is_live => {
                 let silent = super::now().saturating_duration_since(self.last_block).as_secs_f64();
-                // What waits may be this machine's; and what was silent before the start may be so still.
+                // What waits of this machine is not judged yet; and what was silent before the start may be so still.
                 let is_open = !self.has_begun && silent < engine.settings().missing_after_s;
                 if is_waiting || is_open { DataFlow::Unknown } else { DataFlow::SilentFor(silent) }
             }

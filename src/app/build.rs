@@ -244,9 +244,9 @@ fn join(
         recording,
         is_captured,
     });
-    let losses = Arc::clone(link.losses());
+    let traffic = Arc::clone(link.traffic());
     let (monitored, view) =
-        Monitored::new(Arc::clone(&entry.machine), opened, capturing, (losses, metrics));
+        Monitored::new(Arc::clone(&entry.machine), opened, capturing, (traffic, metrics));
     let submit: Submit = Arc::new(move |request| link.ask(request));
     let handle = MachineHandle {
         id: id.clone(),

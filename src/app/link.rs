@@ -11,9 +11,16 @@ use crate::capture::received::Received;
 use crate::ingest::replay::StreamInfo;
 use crate::signal::Block;
 use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::PoisonError;
 use std::sync::atomic::AtomicU64;
+use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 use std::time::Instant;
+
+/// How long who was refused room is taken to want it still: a sender asks every few milliseconds.
+const WANTS_ROOM: Duration = Duration::from_secs(1);
 
 /// What a source tells its shard.
 #[derive(Debug)]
@@ -48,21 +55,48 @@ pub struct Link {
     queue: Arc<ShardQueue>,
     /// Place of the machine on its shard.
     machine: usize,
-    losses: Arc<Losses>,
+    traffic: Arc<Traffic>,
 }
 
-/// What was lost because a queue was full.
+/// What one machine has on the way to its shard, and what was lost because the queue was full.
 #[derive(Debug, Default)]
-pub struct Losses {
-    blocks: AtomicU64,
-    samples: AtomicU64,
+pub struct Traffic {
+    blocks_lost: AtomicU64,
+    samples_lost: AtomicU64,
+    /// Inputs of this machine that its shard has not taken.
+    n_waiting: AtomicUsize,
+    /// When there was no room for some of it last.
+    refused_at: Mutex<Option<Instant>>,
 }
 
-impl Losses {
+impl Traffic {
     /// Blocks and samples lost so far.
     #[must_use]
-    pub fn so_far(&self) -> (u64, u64) {
-        (self.blocks.load(Ordering::Relaxed), self.samples.load(Ordering::Relaxed))
+    pub fn lost(&self) -> (u64, u64) {
+        (self.blocks_lost.load(Ordering::Relaxed), self.samples_lost.load(Ordering::Relaxed))
+    }
+
+    /// Whether something of this machine waits for its shard, or for room in the queue before it.
+    #[must_use]
+    pub fn waits(&self) -> bool {
+        let refused = *self.refused_at.lock().unwrap_or_else(PoisonError::into_inner);
+        let wants_room = |at| super::now().saturating_duration_since(at) < WANTS_ROOM;
+        self.n_waiting.load(Ordering::Relaxed) > 0 || refused.is_some_and(wants_room)
+    }
+
+    /// An input goes on its way. The queue's lock orders this before its being taken.
+    fn note_sent(&self) {
+        self.n_waiting.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The shard has taken an input.
+    pub fn note_taken(&self) {
+        self.n_waiting.fetch_sub(1, Ordering::Relaxed);
+    }
+
+    fn note_refused(&self) {
+        let now = Some(super::now());
+        *self.refused_at.lock().unwrap_or_else(PoisonError::into_inner) = now;
     }
 }
 
@@ -70,13 +104,13 @@ impl Link {
     /// Makes the way to the machine at place `machine` of the shard behind `queue`.
     #[must_use]
     pub fn new(queue: Arc<ShardQueue>, machine: usize) -> Self {
-        Self { queue, machine, losses: Arc::default() }
+        Self { queue, machine, traffic: Arc::default() }
     }
 
-    /// What [`Self::offer`] lost.
+    /// What is on this way, and what was lost.
     #[must_use]
-    pub fn losses(&self) -> &Arc<Losses> {
-        &self.losses
+    pub fn traffic(&self) -> &Arc<Traffic> {
+        &self.traffic
     }
 
     /// Hands an input on, waiting for room: nothing is lost.
@@ -85,7 +119,9 @@ impl Link {
     /// When the daemon is stopping.
     pub fn send(&self, input: Input) -> Result<(), Closed> {
         let bytes = bytes_of(&input);
-        self.queue.push_wait((self.machine, input), bytes)
+        self.traffic.note_sent();
+        let sent = self.queue.push_wait((self.machine, input), bytes);
+        sent.inspect_err(|_| self.traffic.note_taken())
     }
 
     /// Hands a block on if there is room, and otherwise drops and counts it: for live sources,
@@ -101,8 +137,8 @@ impl Link {
             Ok(()) => Ok(()),
             Err(Refused::Closed(_)) => Err(Closed),
             Err(Refused::Full(_)) => {
-                self.losses.blocks.fetch_add(1, Ordering::Relaxed);
-                self.losses.samples.fetch_add(n_samples, Ordering::Relaxed);
+                self.traffic.blocks_lost.fetch_add(1, Ordering::Relaxed);
+                self.traffic.samples_lost.fetch_add(n_samples, Ordering::Relaxed);
                 Ok(())
             }
         }
@@ -113,7 +149,11 @@ impl Link {
     /// # Errors
     /// When the daemon is stopping.
     pub fn keep_room(&self, bytes: usize) -> Result<bool, Closed> {
-        self.queue.keep_room(bytes)
+        let has_room = self.queue.keep_room(bytes);
+        if has_room == Ok(false) {
+            self.traffic.note_refused();
+        }
+        has_room
     }
 
     /// Hands inputs on for which room was kept.
@@ -127,6 +167,7 @@ impl Link {
     ) -> Result<(), Closed> {
         let sized = inputs.into_iter().map(|input| {
             let bytes = bytes_of(&input);
+            self.traffic.note_sent();
             ((self.machine, input), bytes)
         });
         self.queue.push_kept(sized, kept)
@@ -140,8 +181,8 @@ impl Link {
 
     /// Counts a block that a live sender sent without credit, and for which there was no room.
     pub fn note_dropped(&self, n_samples: u64) {
-        self.losses.blocks.fetch_add(1, Ordering::Relaxed);
-        self.losses.samples.fetch_add(n_samples, Ordering::Relaxed);
+        self.traffic.blocks_lost.fetch_add(1, Ordering::Relaxed);
+        self.traffic.samples_lost.fetch_add(n_samples, Ordering::Relaxed);
     }
 
     /// Puts a question to the shard; it is answered between two blocks.
@@ -186,7 +227,7 @@ mod tests {
             };
             link.offer(block, super::super::now()).unwrap();
         }
-        assert_eq!(link.losses().so_far(), (2, 400));
+        assert_eq!(link.traffic().lost(), (2, 400));
         queue.close();
         assert_eq!(link.send(Input::Source(SourceState::Finished)), Err(Closed));
     }

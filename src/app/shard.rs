@@ -62,6 +62,7 @@ pub fn run(
                     metrics.wait_s.observe(begun.saturating_duration_since(*arrived).as_secs_f64());
                 }
                 if let Some(machine) = machines.get_mut(machine) {
+                    machine.note_taken();
                     machine.exchange_plans(&mut plans);
                     machine.take(input, queue.bytes());
                     machine.exchange_plans(&mut plans);

@@ -148,7 +148,7 @@ pub(super) fn running_on(
     };
     thread::spawn(move || keeping.run());
     let (monitored, view) =
-        Monitored::new(machine("rig-1"), opened, None, (Arc::clone(link.losses()), &metrics));
+        Monitored::new(machine("rig-1"), opened, None, (Arc::clone(link.traffic()), &metrics));
     let (shard_queue, gauge) = (Arc::clone(&queue), metrics.shard(0));
     let shard = thread::spawn(move || {
         shard::run(&shard_queue, &mut [monitored], &Heartbeat::new(), &gauge);

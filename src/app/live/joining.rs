@@ -67,9 +67,9 @@ pub(in crate::app) fn join(
         trending: None,
         opener: Some(opener),
     };
-    let losses = Arc::clone(link.losses());
+    let traffic = Arc::clone(link.traffic());
     let machine = Arc::clone(&entry.machine);
-    let (monitored, view) = Monitored::new(Arc::clone(&machine), opened, None, (losses, metrics));
+    let (monitored, view) = Monitored::new(Arc::clone(&machine), opened, None, (traffic, metrics));
     let (recorded, recording) = watch::channel(RecordingView::default());
     let recordings = stores.recordings.clone();
     let recording = recordings.as_ref().map(|_| recording);

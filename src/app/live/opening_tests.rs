@@ -42,6 +42,8 @@ const RATE_HZ: f64 = 1000.0;
 /// A machine with live senders, on no thread.
 struct Opened {
     monitored: Monitored,
+    /// The way to it; nobody takes out of its queue.
+    link: Link,
     view: watch::Receiver<Arc<MachineView>>,
     _folder: TempDir,
 }
@@ -93,6 +95,17 @@ fn live() -> Opened {
 }
 
 fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
+    live_of(Config::default(), baselines)
+}
+
+/// A machine with senders whose data are missed at once.
+fn impatient() -> Opened {
+    let mut config = Config::default();
+    config.monitor.alarms.missing_after_s = 0.0;
+    live_of(config, None)
+}
+
+fn live_of(config: Config, baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
     let folder = TempDir::new().unwrap();
     let entry = MachineConfig {
         text: FileText::default(),
@@ -105,7 +118,7 @@ fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
     let config = Config {
         store: Store { directory, ..Store::default() },
         machines: vec![entry.clone()],
-        ..Config::default()
+        ..config
     };
     let metrics = Arc::new(Metrics::new());
     let mut stores =
@@ -113,8 +126,9 @@ fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
     stores.baselines.store = baselines.unwrap_or(stores.baselines.store);
     let room = Arc::new(Room::new(config.memory_limit_bytes));
     let link = Link::new(Arc::new(ShardQueue::new(1 << 20, 4)), 0);
-    let joined = joining::join(&config, &entry, link, (&stores, &metrics, &room), true).unwrap();
-    Opened { monitored: joined.monitored, view: joined.handle.view, _folder: folder }
+    let way = link.clone();
+    let joined = joining::join(&config, &entry, way, (&stores, &metrics, &room), true).unwrap();
+    Opened { monitored: joined.monitored, link, view: joined.handle.view, _folder: folder }
 }
 
 fn stream(name: &str, rate_hz: f64) -> Input {
@@ -205,4 +219,32 @@ fn what_was_judged_before_another_stream_is_not_judged_again() {
     assert!(before >= 15.0, "{before}");
     live.monitored.take(stream("x", RATE_HZ / 2.0), 0);
     assert!(judged_until_s(&live).unwrap() >= before);
+}
+
+#[test]
+fn data_are_missed_whatever_others_have_in_the_queue() {
+    let mut live = impatient();
+    // What waits is of machine 1 of the shard, this one is machine 0.
+    live.monitored.tick(1 << 20);
+    assert!(live.view.borrow().no_data().is_some());
+}
+
+#[test]
+fn nothing_is_missed_while_something_of_the_machine_waits() {
+    let mut live = impatient();
+    live.link.send(Input::Doubts(Vec::new())).unwrap();
+    live.monitored.tick(0);
+    assert!(live.view.borrow().no_data().is_none());
+    live.monitored.note_taken();
+    live.monitored.tick(0);
+    assert!(live.view.borrow().no_data().is_some());
+}
+
+#[test]
+fn a_sender_that_waits_for_room_is_not_silent() {
+    let mut live = impatient();
+    assert_eq!(live.link.keep_room(1 << 19), Ok(true));
+    assert_eq!(live.link.keep_room(1 << 20), Ok(false));
+    live.monitored.tick(1 << 19);
+    assert!(live.view.borrow().no_data().is_none());
 }

@@ -10,7 +10,7 @@ use super::capturing::Seen as SeenNow;
 use super::keeper::MachineKeeper;
 use super::learning::Seen;
 use super::link::Input;
-use super::link::Losses;
+use super::link::Traffic;
 use super::live::opening::Opener;
 use super::metering::Meters;
 use super::trend::TrendStore;
@@ -112,7 +112,7 @@ pub struct Monitored {
     doubts: Vec<String>,
     /// The windows behind them.
     pub(super) seen: Seen,
-    losses: Arc<Losses>,
+    traffic: Arc<Traffic>,
     /// How long the newest block waited in the queue, s.
     queue_wait_s: Option<f64>,
     publisher: watch::Sender<Arc<MachineView>>,
@@ -126,7 +126,7 @@ impl Monitored {
         machine: Arc<Machine>,
         mut opened: Opened,
         capturing: Option<Capturing>,
-        (losses, metrics): (Arc<Losses>, &Metrics),
+        (traffic, metrics): (Arc<Traffic>, &Metrics),
     ) -> (Self, watch::Receiver<Arc<MachineView>>) {
         if let (Some(capturing), Some(monitor)) = (&capturing, &mut opened.monitor) {
             capturing.prepare(monitor);
@@ -160,7 +160,7 @@ impl Monitored {
             state_since_s: Vec::new(),
             features: Arc::default(),
             window_end_s: None,
-            losses,
+            traffic,
             queue_wait_s: None,
             publisher,
             meters,
@@ -168,6 +168,11 @@ impl Monitored {
         monitored.keep(opened.alarm_events, Vec::new());
         monitored.publish(0);
         (monitored, view)
+    }
+
+    /// An input of this machine was taken out of the queue.
+    pub fn note_taken(&self) {
+        self.traffic.note_taken();
     }
 
     /// Takes an input in; publishes when a window was judged or the source's state changed.
@@ -296,7 +301,7 @@ impl Monitored {
     pub fn tick(&mut self, queue_bytes: usize) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
-        let events = self.alarming.tick(engine, &self.source, queue_bytes > 0, stream_s);
+        let events = self.alarming.tick(engine, &self.source, self.traffic.waits(), stream_s);
         self.capture(&events, stream_s);
         self.trending.iter_mut().for_each(Trending::tick);
         self.publish(queue_bytes);

@@ -16,7 +16,7 @@ impl Monitored {
     /// Publishes a snapshot.
     pub fn publish(&mut self, queue_bytes: usize) {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
-        let dropped = self.losses.so_far();
+        let dropped = self.traffic.lost();
         self.meters.update(&rings, dropped.0);
         let alarms = self.alarms().standing();
         self.meters.show(self.diagnosis.as_deref(), &alarms);
