@@ -377,6 +377,12 @@ impl AlarmEngine {
         alarms
     }
 
+    /// The alarm that stands while no data of the machine come.
+    #[must_use]
+    pub fn no_data(&self) -> Option<&Alarm> {
+        self.stream.alarm.as_ref().filter(|alarm| alarm.state.is_active())
+    }
+
     fn alarms_mut(&mut self) -> impl Iterator<Item = &mut Option<Alarm>> {
         let slots = self.components.values_mut().chain(self.stated.slots_mut());
         let slots = slots.chain([&mut self.stream, &mut self.store]);

@@ -63,6 +63,11 @@ impl HealthWatch {
         if time_s <= self.told_until_s {
             return Vec::new();
         }
+        self.regain(diagnosis, time_s)
+    }
+
+    /// Takes in that data come again at stream time `time_s`: the newest verdict holds. Gives what changed.
+    pub fn regain(&mut self, diagnosis: &Diagnosis, time_s: f64) -> Vec<HealthChange> {
         let whole = HealthChange {
             subject: Subject::Machine,
             time_s,
@@ -89,5 +94,64 @@ impl HealthWatch {
             }
         }
         changes
+    }
+
+    /// Takes in that no data come at stream time `time_s`, for the reason `why`: nobody knows whether what was healthy
+    /// still is, and what was accused stays so. Gives what changed.
+    pub fn lose(&mut self, time_s: f64, why: &str) -> Vec<HealthChange> {
+        let health = Health { state: State::Undetermined, fault: None };
+        let mut changes = Vec::new();
+        for (subject, known) in &mut self.known {
+            if known.state != State::Healthy {
+                continue;
+            }
+            *known = health;
+            let why = match subject {
+                Subject::Machine => String::new(),
+                Subject::Component(..) => format!("{why}; found healthy before"),
+            };
+            changes.push(HealthChange {
+                subject: subject.clone(),
+                time_s,
+                health,
+                before: Some(State::Healthy),
+                severity: None,
+                confidence: None,
+                why,
+            });
+        }
+        changes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn known(states: [State; 3]) -> HealthWatch {
+        let subjects = [
+            Subject::Machine,
+            Subject::Component(ComponentKind::Bearing, "left".to_owned()),
+            Subject::Component(ComponentKind::Bearing, "right".to_owned()),
+        ];
+        let healths = states.map(|state| Health { state, fault: None });
+        // What a stream says up to 100 s was told before a restart.
+        HealthWatch::new(subjects.into_iter().zip(healths).collect(), Some(100.0))
+    }
+
+    #[test]
+    fn without_data_what_was_healthy_is_undetermined_and_nothing_else_changes() {
+        let mut watch = known([State::Damaged, State::Healthy, State::Damaged]);
+        let [lost] = &watch.lose(7.0, "no data have come for 10 s")[..] else { panic!("one") };
+        assert_eq!(lost.subject, Subject::Component(ComponentKind::Bearing, "left".to_owned()));
+        assert_eq!((lost.health.state, lost.before), (State::Undetermined, Some(State::Healthy)));
+        assert_eq!((lost.time_s, lost.severity, lost.confidence), (7.0, None, None));
+        assert_eq!(lost.why, "no data have come for 10 s; found healthy before");
+        assert!(watch.lose(8.0, "again").is_empty());
+
+        let mut watch = known([State::Healthy, State::Healthy, State::Undetermined]);
+        let lost = watch.lose(7.0, "why");
+        assert_eq!(lost.len(), 2);
+        assert_eq!((&lost[0].subject, lost[0].why.as_str()), (&Subject::Machine, ""));
     }
 }

@@ -17,6 +17,7 @@ use crate::config::MachineConfig;
 use crate::config::SourceConfig;
 use crate::config::Store;
 use crate::diagnosis::baseline::signed::Signed;
+use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::DataQuality;
 use crate::ingest::replay::StreamInfo;
 use crate::signal::Block;
@@ -27,6 +28,7 @@ use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::Held;
 use crate::store::StoreError;
+use crate::store::events::EventLog;
 use crate::telemetry::Metrics;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -34,6 +36,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
+use std::time::Instant;
 use tempfile::TempDir;
 use tokio::sync::watch;
 
@@ -45,6 +50,7 @@ struct Opened {
     /// The way to it; nobody takes out of its queue.
     link: Link,
     view: watch::Receiver<Arc<MachineView>>,
+    log: Arc<dyn EventLog>,
     _folder: TempDir,
 }
 
@@ -98,10 +104,10 @@ fn live_with(baselines: Option<Arc<dyn BaselineStore>>) -> Opened {
     live_of(Config::default(), baselines)
 }
 
-/// A machine with senders whose data are missed at once.
+/// A machine with senders whose data are missed when a millisecond has passed.
 fn impatient() -> Opened {
     let mut config = Config::default();
-    config.monitor.alarms.missing_after_s = 0.0;
+    config.monitor.alarms.missing_after_s = 1e-3;
     live_of(config, None)
 }
 
@@ -128,7 +134,10 @@ fn live_of(config: Config, baselines: Option<Arc<dyn BaselineStore>>) -> Opened 
     let link = Link::new(Arc::new(ShardQueue::new(1 << 20, 4)), 0);
     let way = link.clone();
     let joined = joining::join(&config, &entry, way, (&stores, &metrics, &room), true).unwrap();
-    Opened { monitored: joined.monitored, link, view: joined.handle.view, _folder: folder }
+    let Stores { keeping, events, .. } = stores;
+    thread::spawn(move || keeping.run());
+    let (monitored, view) = (joined.monitored, joined.handle.view);
+    Opened { monitored, link, view, log: events.log, _folder: folder }
 }
 
 fn stream(name: &str, rate_hz: f64) -> Input {
@@ -144,18 +153,43 @@ fn stream(name: &str, rate_hz: f64) -> Input {
 }
 
 impl Opened {
+    /// Time passes; nothing has come since what was taken in.
+    fn miss(&mut self) {
+        thread::sleep(Duration::from_millis(2));
+        self.monitored.tick(0);
+    }
+
+    /// Waits until what was told of health is as wanted: how many are healthy.
+    fn wait_for_told(&self, is_it: impl Fn(usize) -> bool) {
+        let deadline = crate::app::now() + Duration::from_secs(30);
+        loop {
+            let told = self.log.health("rig-1").unwrap();
+            let n_healthy = told.values().filter(|one| one.state == State::Healthy).count();
+            if is_it(n_healthy) {
+                return;
+            }
+            assert!(crate::app::now() < deadline, "{told:?}");
+            thread::sleep(Duration::from_millis(10));
+        }
+    }
+
     fn source(&self) -> SourceState {
         self.view.borrow().source.clone()
     }
 
     /// Takes in so many seconds of a tone from `start` s on.
     fn play(&mut self, start: u16, seconds: u16) {
+        self.play_at(start, seconds, crate::app::now());
+    }
+
+    /// The same; it arrived at `arrived`.
+    fn play_at(&mut self, start: u16, seconds: u16, arrived: Instant) {
         for second in start..start + seconds {
             let first = u64::from(second) * 1000;
             let samples = (0..1000).map(|i: u16| (0.1 * f32::from(i)).sin()).collect();
             let (channel, start) = (ChannelIndex(0), SampleIndex(first));
             let block = Block { channel, start, segment: 1, time_s: second.into(), samples };
-            self.monitored.take(Input::Block(block, crate::app::now()), 0);
+            self.monitored.take(Input::Block(block, arrived), 0);
         }
     }
 }
@@ -225,6 +259,7 @@ fn what_was_judged_before_another_stream_is_not_judged_again() {
 fn data_are_missed_whatever_others_have_in_the_queue() {
     let mut live = impatient();
     // What waits is of machine 1 of the shard, this one is machine 0.
+    thread::sleep(Duration::from_millis(2));
     live.monitored.tick(1 << 20);
     assert!(live.view.borrow().no_data().is_some());
 }
@@ -233,10 +268,10 @@ fn data_are_missed_whatever_others_have_in_the_queue() {
 fn nothing_is_missed_while_something_of_the_machine_waits() {
     let mut live = impatient();
     live.link.send(Input::Doubts(Vec::new())).unwrap();
-    live.monitored.tick(0);
+    live.miss();
     assert!(live.view.borrow().no_data().is_none());
     live.monitored.note_taken();
-    live.monitored.tick(0);
+    live.miss();
     assert!(live.view.borrow().no_data().is_some());
 }
 
@@ -245,6 +280,21 @@ fn a_sender_that_waits_for_room_is_not_silent() {
     let mut live = impatient();
     assert_eq!(live.link.keep_room(1 << 19), Ok(true));
     assert_eq!(live.link.keep_room(1 << 20), Ok(false));
-    live.monitored.tick(1 << 19);
+    live.miss();
     assert!(live.view.borrow().no_data().is_none());
+}
+
+#[test]
+fn what_was_healthy_is_told_to_be_undetermined_while_no_data_come() {
+    let mut live = impatient();
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(0, 12);
+    live.wait_for_told(|n_healthy| n_healthy > 0);
+    live.miss();
+    live.wait_for_told(|n_healthy| n_healthy == 0);
+    // They come again: what the newest verdict says holds, before there is another one.
+    live.play_at(12, 1, crate::app::now() + Duration::from_secs(60));
+    live.monitored.tick(0);
+    assert!(live.view.borrow().no_data().is_none());
+    live.wait_for_told(|n_healthy| n_healthy > 0);
 }

@@ -301,10 +301,26 @@ impl Monitored {
     pub fn tick(&mut self, queue_bytes: usize) {
         let stream_s = self.stream_time_s();
         let engine = engine(&mut self.monitor, &mut self.idle_alarms);
+        let was_silent = engine.no_data().is_some();
         let events = self.alarming.tick(engine, &self.source, self.traffic.waits(), stream_s);
+        let why = engine.no_data().map(|alarm| alarm.why.clone());
         self.capture(&events, stream_s);
+        self.tell_health_of_now(was_silent, why.as_deref(), stream_s);
         self.trending.iter_mut().for_each(Trending::tick);
         self.publish(queue_bytes);
+    }
+
+    /// Tells what data that stay away, for the reason `why`, or that come again say of health: what HTTP says of now.
+    fn tell_health_of_now(&mut self, was_silent: bool, why: Option<&str>, stream_s: f64) {
+        let health = match (was_silent, why) {
+            (false, Some(why)) => self.health.lose(stream_s, why),
+            (true, None) => self
+                .diagnosis
+                .as_deref()
+                .map_or(Vec::new(), |diagnosis| self.health.regain(diagnosis, stream_s)),
+            (true, Some(_)) | (false, None) => return,
+        };
+        self.keep(Vec::new(), health);
     }
 
     /// The program ends: keeps what the alarms rest on.
