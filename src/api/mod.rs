@@ -47,7 +47,7 @@ mod captures;
 #[cfg(test)]
 mod played;
 #[cfg(test)]
-mod support;
+pub(crate) mod support;
 #[cfg(test)]
 mod tests;
 

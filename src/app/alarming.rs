@@ -67,6 +67,11 @@ impl Alarming {
         self.has_begun = true;
     }
 
+    /// Seconds since the newest block came; before the first, since the start.
+    pub(super) fn silent_s(&self) -> f64 {
+        super::now().saturating_duration_since(self.last_block).as_secs_f64()
+    }
+
     /// Takes in that time has passed; gives what happened.
     pub(super) fn tick(
         &mut self,
@@ -78,7 +83,7 @@ impl Alarming {
         let flow = match source {
             SourceState::Failed(why) => DataFlow::Failed(why),
             SourceState::Starting | SourceState::Running if self.is_live => {
-                let silent = super::now().saturating_duration_since(self.last_block).as_secs_f64();
+                let silent = self.silent_s();
                 // What waits of this machine is not judged yet; and what was silent before the start may be so still.
                 let is_open = !self.has_begun && silent < engine.settings().missing_after_s;
                 if is_waiting || is_open { DataFlow::Unknown } else { DataFlow::SilentFor(silent) }

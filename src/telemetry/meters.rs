@@ -31,6 +31,8 @@ pub struct MachineMetrics {
     pub alarm_transitions: Counter,
     /// From the arrival of the block that completes a window to its published verdict, s.
     pub verdict_latency_s: Histogram,
+    /// How long ago the newest sample came, s.
+    pub sample_age_s: Gauge<f64, AtomicU64>,
 }
 
 /// Counters of what is recorded of a machine.

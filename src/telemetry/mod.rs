@@ -476,6 +476,7 @@ impl Metrics {
             windows_judged: self.windows_judged.get_or_create_owned(&labels),
             alarm_transitions: self.alarm_transitions.get_or_create_owned(&labels),
             verdict_latency_s: self.verdict_latency_s.get_or_create_owned(&labels),
+            sample_age_s: self.sample_age_s(&labels),
         }
     }
 

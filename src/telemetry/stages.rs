@@ -2,6 +2,7 @@
 
 use super::LATENCY_BOUNDS_S;
 use super::Metrics;
+use super::labels::MachineLabels;
 use super::labels::ReceiverLabels;
 use super::labels::ShardLabels;
 use prometheus_client::encoding::EncodeLabelSet;
@@ -118,6 +119,7 @@ pub(super) struct StageMetrics {
     notified_after_s: Family<ReceiverLabels, Histogram, fn() -> Histogram>,
     http: HttpMetrics,
     components: ComponentMetrics,
+    sample_age_s: Family<MachineLabels, Gauge<f64, AtomicU64>>,
     capacity: Family<WhatLabels, Gauge>,
 }
 
@@ -134,6 +136,7 @@ impl Default for StageMetrics {
                 in_flight: Gauge::default(),
             },
             components: ComponentMetrics::default(),
+            sample_age_s: Family::default(),
             capacity: Family::default(),
         }
     }
@@ -161,6 +164,9 @@ impl StageMetrics {
         registry.register("component_severity", text, self.components.severity.clone());
         let text = "Level of the alarm of a component that asks for somebody: 0 none, 1 warning, 2 damaged";
         registry.register("component_alarm", text, self.components.alarm.clone());
+        let text =
+            "How long ago the newest sample of a machine came; before the first, since the start";
+        registry.register("sample_age_seconds", text, self.sample_age_s.clone());
         let text = "Most there may be at a time";
         registry.register("capacity", text, self.capacity.clone());
     }
@@ -188,6 +194,11 @@ impl Metrics {
     #[must_use]
     pub fn components(&self) -> ComponentMetrics {
         self.stages.components.clone()
+    }
+
+    /// How long ago a machine's newest sample came, s.
+    pub(super) fn sample_age_s(&self, labels: &MachineLabels) -> Gauge<f64, AtomicU64> {
+        self.stages.sample_age_s.get_or_create_owned(labels)
     }
 
     /// Times of commits.
