@@ -30,6 +30,8 @@ pub(super) struct Alarming {
     last_block: Instant,
     /// Whether a block has come since the start.
     has_begun: bool,
+    /// Whether data were missed when time passed last, and none has come since.
+    is_silent: bool,
     transitions: Counter,
     metrics: AlarmLoadMetrics,
 }
@@ -44,7 +46,8 @@ impl Alarming {
     ) -> Self {
         let machine = machine.to_owned();
         let last_block = super::now();
-        Self { machine, keeper, is_live, last_block, has_begun: false, transitions, metrics }
+        let (has_begun, is_silent) = (false, false);
+        Self { machine, keeper, is_live, last_block, has_begun, is_silent, transitions, metrics }
     }
 
     /// This instant, at a stream time.
@@ -65,11 +68,17 @@ impl Alarming {
     pub(super) fn note_block(&mut self, arrived: Instant) {
         self.last_block = arrived;
         self.has_begun = true;
+        self.is_silent = false;
     }
 
     /// Seconds since the newest block came; before the first, since the start.
     pub(super) fn silent_s(&self) -> f64 {
         super::now().saturating_duration_since(self.last_block).as_secs_f64()
+    }
+
+    /// Whether data are missed at this moment: the alarm may stand while they come again and are not judged yet.
+    pub(super) fn is_silent(&self) -> bool {
+        self.is_silent
     }
 
     /// Takes in that time has passed; gives what happened.
@@ -91,6 +100,11 @@ impl Alarming {
             SourceState::Starting | SourceState::Running | SourceState::Finished => {
                 DataFlow::Flowing
             }
+        };
+        self.is_silent = match flow {
+            DataFlow::Failed(_) => true,
+            DataFlow::SilentFor(for_s) => for_s >= engine.settings().missing_after_s,
+            DataFlow::Flowing | DataFlow::Unknown => false,
         };
         let now = self.keeper.clock().moment(stream_s);
         let events = engine.tick(now, flow, self.keeper.failure_to_tell().as_deref());

@@ -30,6 +30,13 @@ const HOUR: Duration = Duration::from_secs(3600);
 /// Windows kept with a capture at most.
 const MAX_WINDOWS: f64 = 256.0;
 
+/// How long after its end a capture waits for channels that are behind, s of stream time; one that is further behind
+/// delivers no more.
+const BEHIND_S: f64 = 30.0;
+
+/// Why a capture ends early.
+const NO_DATA: &str = "it ends early: no data come any more";
+
 /// What a machine's captures need besides its monitor.
 #[derive(Debug)]
 pub struct Capturing {
@@ -41,10 +48,22 @@ pub struct Capturing {
     /// Hash of the configuration.
     configuration: String,
     held: Held,
-    /// Captures that take what comes: their keys, and when they end, s of stream time.
-    open: Vec<(u64, f64)>,
+    /// Captures that take what comes.
+    open: Vec<Open>,
+    /// Ends of captures that found no room, with what is noted.
+    unsaid: Vec<(u64, Option<String>)>,
+    /// Stream time one past the newest sample of each channel, s.
+    reached_s: Vec<f64>,
     /// When captures were begun within the last hour.
     begun: VecDeque<Instant>,
+}
+
+/// A capture that takes what comes; times in s of stream time.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    key: u64,
+    trigger_s: f64,
+    ends_s: f64,
 }
 
 /// What an operator asks for.
@@ -67,8 +86,20 @@ impl Capturing {
     ) -> Self {
         let held = Held::new(&judged.received, settings.before_s);
         let (machine, judged) = (machine.to_owned(), Arc::new(judged));
-        let (open, begun) = (Vec::new(), VecDeque::new());
-        Self { machine, settings, capturer, header, judged, configuration, held, open, begun }
+        let reached_s = vec![f64::NEG_INFINITY; judged.received.len()];
+        Self {
+            machine,
+            settings,
+            capturer,
+            header,
+            judged,
+            configuration,
+            held,
+            open: Vec::new(),
+            unsaid: Vec::new(),
+            reached_s,
+            begun: VecDeque::new(),
+        }
     }
 
     /// Windows are judged by other settings, or another description of the machine, from now on. Captures that are open
@@ -94,21 +125,68 @@ impl Capturing {
     /// Holds a run, and hands it to the captures that go on.
     pub(super) fn receive(&mut self, run: &Arc<Received>) {
         self.held.push(Arc::clone(run));
-        for (key, _) in &self.open {
-            self.capturer.go_on(*key, Arc::clone(run));
+        if let Some(reached_s) = self.reached_s.get_mut(run.channel.0) {
+            *reached_s = reached_s.max(self.held.end_s(run));
+        }
+        for open in self.open.iter().filter(|open| run.time_s < open.ends_s) {
+            self.capturer.go_on(open.key, Arc::clone(run));
         }
     }
 
-    /// Ends the captures that have all that they should; `None`: the stream has ended, and all do.
-    pub(super) fn reached(&mut self, stream_s: Option<f64>) {
-        let capturer = &self.capturer;
-        self.open.retain(|(key, ends_s)| {
-            let goes_on = stream_s.is_some_and(|stream_s| stream_s < *ends_s);
-            if !goes_on {
-                capturer.end(*key);
+    /// Ends the captures that have all that they should of every channel that still delivers, or have waited long enough
+    /// for those that are behind.
+    pub(super) fn end_those_complete(&mut self) {
+        let newest_s = self.reached_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let open = std::mem::take(&mut self.open);
+        for one in open {
+            let short = self.short_channels(one);
+            if newest_s < one.ends_s || !short.is_empty() && newest_s < one.ends_s + BEHIND_S {
+                self.open.push(one);
+                continue;
             }
-            goes_on
-        });
+            let names = short.join("`, `");
+            let note = (!short.is_empty()).then(|| {
+                format!("`{names}` ended early: behind the others by more than {BEHIND_S:.0} s")
+            });
+            self.end(one.key, note);
+        }
+    }
+
+    /// Channels that delivered before a capture's trigger, and are not at its end yet.
+    fn short_channels(&self, open: Open) -> Vec<&str> {
+        let delivers_until = open.trigger_s - BEHIND_S;
+        let channels = self.judged.received.iter().zip(&self.reached_s);
+        let short = channels
+            .filter(|(_, reached_s)| **reached_s >= delivers_until && **reached_s < open.ends_s);
+        short.map(|(channel, _)| channel.name.as_str()).collect()
+    }
+
+    /// Ends all captures: the stream has ended.
+    pub(super) fn end_all(&mut self) {
+        for one in std::mem::take(&mut self.open) {
+            self.end(one.key, None);
+        }
+    }
+
+    /// Ends all captures: no data come, and nobody knows when they will.
+    pub(super) fn end_for_silence(&mut self) {
+        self.end_those_complete();
+        for one in std::mem::take(&mut self.open) {
+            self.end(one.key, Some(NO_DATA.to_owned()));
+        }
+    }
+
+    /// Says again what ends, if there was no room for that.
+    pub(super) fn tick(&mut self) {
+        for (key, note) in std::mem::take(&mut self.unsaid) {
+            self.end(key, note);
+        }
+    }
+
+    fn end(&mut self, key: u64, note: Option<String>) {
+        if !self.capturer.end(key, note.clone()) {
+            self.unsaid.push((key, note));
+        }
     }
 
     /// Begins a capture for the alarms that were raised, or rose, in a window that ended at `time_s`.
@@ -139,7 +217,7 @@ impl Capturing {
         about.insert("baselines".to_owned(), Value::Array(baselines(seen.diagnosis)));
         let after_s = self.settings.after_s;
         let order = self.order(about, time_s, (self.settings.before_s, after_s), seen);
-        if self.send(Order { alarms: numbers, ..order }, time_s + after_s) {
+        if self.send(Order { alarms: numbers, ..order }) {
             self.begun.push_back(now);
         }
     }
@@ -155,7 +233,7 @@ impl Capturing {
         }
         let order = self.order(about, time_s, (before_s, after_s), seen);
         let by = Some((author, comment));
-        self.send(Order { by, reply: Some(reply), ..order }, time_s + after_s);
+        self.send(Order { by, reply: Some(reply), ..order });
     }
 
     fn order(
@@ -185,9 +263,10 @@ impl Capturing {
         }
     }
 
-    fn send(&mut self, order: Order, ends_s: f64) -> bool {
+    fn send(&mut self, order: Order) -> bool {
+        let (trigger_s, ends_s) = (order.trigger_s, order.ends_s);
         let Some(key) = self.capturer.begin(order) else { return false };
-        self.open.push((key, ends_s));
+        self.open.push(Open { key, trigger_s, ends_s });
         true
     }
 

@@ -34,6 +34,8 @@ use std::sync::atomic::AtomicU64;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc;
+use std::sync::mpsc::TrySendError;
+use std::time::Duration;
 use tokio::sync::oneshot;
 use toml::Table;
 pub(super) use writing::CapturesPlan;
@@ -47,6 +49,9 @@ const FOR_ROOM: &str = "it was given up: the disk was full";
 
 /// Jobs that may wait; their bytes are what bounds them.
 const QUEUE: usize = 4096;
+
+/// How long a capture may get nothing before it is closed: whoever should have ended it is gone.
+const IDLE: Duration = Duration::from_secs(600);
 
 /// A capture to be made.
 #[derive(Debug)]
@@ -77,7 +82,8 @@ enum Job {
     GoOn(u64, Arc<Received>),
     /// What follows was lost.
     CutShort(u64),
-    End(u64),
+    /// It has all that it should, or what is noted.
+    End(u64, Option<String>),
     Refuse {
         machine: String,
         alarms: Vec<u64>,
@@ -122,9 +128,9 @@ impl Capturer {
         }
     }
 
-    /// Says that a capture has all that it should.
-    pub(super) fn end(&self, key: u64) {
-        self.send(Job::End(key), 0);
+    /// Says that a capture has all that it should, or what is noted; false: there was no room for that, say it again.
+    pub(super) fn end(&self, key: u64, note: Option<String>) -> bool {
+        !matches!(self.jobs.try_send(Job::End(key, note)), Err(TrySendError::Full(_)))
     }
 
     /// Says why alarms have no capture.
@@ -205,8 +211,17 @@ pub(super) fn open(
         Capturer { jobs, waiting: Arc::clone(&waiting), max_waiting, keys: Arc::default() };
     let judge = Arc::new(again::judge);
     let handle = crate::api::handles::CaptureHandle { index: Arc::clone(&index), root, judge };
-    let plan =
-        CapturesPlan { jobs: inbox, waiting, index, store, metrics, room, troubles, give_way };
+    let plan = CapturesPlan {
+        jobs: inbox,
+        waiting,
+        index,
+        store,
+        metrics,
+        room,
+        troubles,
+        give_way,
+        idle: IDLE,
+    };
     Ok(Some(Captures { capturer, plan, handle }))
 }
 
@@ -309,3 +324,6 @@ fn log(event: &StoreEvent) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

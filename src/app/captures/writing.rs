@@ -59,6 +59,8 @@ pub(in crate::app) struct CapturesPlan {
     pub(super) room: RoomMetrics,
     pub(super) troubles: Troubles,
     pub(super) give_way: Arc<CapturesGiveWay>,
+    /// How long a capture may get nothing before it is closed.
+    pub(super) idle: Duration,
 }
 
 impl std::fmt::Debug for CapturesPlan {
@@ -94,6 +96,8 @@ struct Open {
     /// Stream time of the newest sample written, s.
     to_s: f64,
     flushed: Instant,
+    /// When it got something last.
+    fed: Instant,
     note: Option<String>,
 }
 
@@ -115,10 +119,22 @@ impl CapturesPlan {
             for key in due {
                 self.flush(key, &mut open);
             }
+            self.close_idle(&mut open, now);
             self.give_way();
         }
         for (_, mut left) in open {
             left.note.get_or_insert_with(|| "the program ended before it was complete".to_owned());
+            self.close(left);
+        }
+    }
+
+    /// Closes what gets nothing any more and was not ended.
+    fn close_idle(&mut self, open: &mut BTreeMap<u64, Open>, now: Instant) {
+        let idle = self.idle;
+        let is_idle = |open: &Open| now.saturating_duration_since(open.fed) >= idle;
+        let keys: Vec<u64> = open.iter().filter(|(_, o)| is_idle(o)).map(|(key, _)| *key).collect();
+        for mut left in keys.iter().filter_map(|key| open.remove(key)).collect::<Vec<Open>>() {
+            left.note = Some(format!("nothing came for it for {} s", idle.as_secs()));
             self.close(left);
         }
     }
@@ -167,8 +183,9 @@ impl CapturesPlan {
                     self.close(cut);
                 }
             }
-            Job::End(key) => {
-                if let Some(done) = open.remove(&key) {
+            Job::End(key, note) => {
+                if let Some(mut done) = open.remove(&key) {
+                    done.note = note.or(done.note);
                     self.close(done);
                 }
             }
@@ -256,9 +273,18 @@ impl CapturesPlan {
                 let bytes = capture.bytes();
                 tracing::info!(machine = entry.machine, file = %file.display(), n_windows, "capture begun");
                 self.metrics.taken.inc();
-                let flushed = crate::app::now();
-                let (id, ends_s, note) = (entry.id, order.ends_s, None);
-                let open = Open { id, file, capture, rates_hz, ends_s, to_s, flushed, note };
+                let now = crate::app::now();
+                let open = Open {
+                    id: entry.id,
+                    file,
+                    capture,
+                    rates_hz,
+                    ends_s: order.ends_s,
+                    to_s,
+                    flushed: now,
+                    fed: now,
+                    note: None,
+                };
                 self.note_growing(&open.file, bytes);
                 Ok(open)
             }
@@ -272,6 +298,7 @@ impl CapturesPlan {
 
     fn go_on(&mut self, key: u64, run: &Arc<Received>, open: &mut BTreeMap<u64, Open>) {
         let Some(goes_on) = open.get_mut(&key) else { return };
+        goes_on.fed = crate::app::now();
         if run.time_s >= goes_on.ends_s {
             return;
         }

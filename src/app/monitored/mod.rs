@@ -212,7 +212,7 @@ impl Monitored {
                 if matches!(self.source, SourceState::Finished | SourceState::Failed(_))
                     && let Some(capturing) = &mut self.capturing
                 {
-                    capturing.reached(None);
+                    capturing.end_all();
                 }
                 self.publish(queue_bytes);
             }
@@ -261,18 +261,7 @@ impl Monitored {
                 self.publish(queue_bytes);
             }
             ShardRequest::Capture { author, comment, before_s, after_s, reply } => {
-                let (time_s, diagnosis) = (self.stream_time_s(), self.diagnosis.as_deref());
-                let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
-                match &mut self.capturing {
-                    Some(capturing) => {
-                        let asked = Asked { author, comment, before_s, after_s, reply };
-                        capturing.ask(asked, time_s, seen);
-                        if self.source == SourceState::Finished {
-                            capturing.reached(None);
-                        }
-                    }
-                    None => drop(reply.send(Err(NO_CAPTURES.to_owned()))),
-                }
+                self.ask_for_capture(Asked { author, comment, before_s, after_s, reply });
             }
             ShardRequest::Measure { span, reply } => {
                 let (machine, channels) = (&self.machine, &self.channels);
@@ -291,6 +280,22 @@ impl Monitored {
         }
     }
 
+    fn ask_for_capture(&mut self, asked: Asked) {
+        let (time_s, diagnosis) = (self.stream_time_s(), self.diagnosis.as_deref());
+        let is_silent = self.alarming.is_silent();
+        let seen = SeenNow { monitor: self.monitor.as_ref(), diagnosis };
+        // Who asked may have gone: then the answer is dropped.
+        let Some(capturing) = &mut self.capturing else {
+            return drop(asked.reply.send(Err(NO_CAPTURES.to_owned())));
+        };
+        capturing.ask(asked, time_s, seen);
+        if self.source == SourceState::Finished {
+            capturing.end_all();
+        } else if is_silent {
+            capturing.end_for_silence();
+        }
+    }
+
     /// Stream time up to which alarms know the stream, s.
     #[cfg(test)]
     pub(in crate::app) fn judged_until_s(&self) -> Option<f64> {
@@ -305,6 +310,12 @@ impl Monitored {
         let events = self.alarming.tick(engine, &self.source, self.traffic.waits(), stream_s);
         let why = engine.no_data().map(|alarm| alarm.why.clone());
         self.capture(&events, stream_s);
+        if let Some(capturing) = &mut self.capturing {
+            capturing.tick();
+            if self.alarming.is_silent() {
+                capturing.end_for_silence();
+            }
+        }
         self.tell_health_of_now(was_silent, why.as_deref(), stream_s);
         self.trending.iter_mut().for_each(Trending::tick);
         self.publish(queue_bytes);
@@ -362,7 +373,7 @@ impl Monitored {
         let outcomes = self.guarded(|monitor, emit| monitor.step(block, emit));
         self.take_outcomes(outcomes, Some(arrived), queue_bytes);
         if let Some(capturing) = &mut self.capturing {
-            capturing.reached(Some(block.time_s));
+            capturing.end_those_complete();
         }
     }
 

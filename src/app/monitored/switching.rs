@@ -19,7 +19,7 @@ impl Monitored {
         self.take_outcomes(outcomes, None, queue_bytes);
         self.trending.iter_mut().for_each(Trending::close);
         if let Some(capturing) = &mut self.capturing {
-            capturing.reached(None);
+            capturing.end_all();
         }
         let now = self.alarming.moment(self.stream_time_s());
         // The rings that were go before those that come are made, and no block of another stream meets them.
