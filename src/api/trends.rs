@@ -37,7 +37,7 @@ pub(super) struct TrendQuery {
     /// At this time (RFC 3339) or later, from the store; a day before `to` by default. In a stream without a
     /// start times are at 1970-01-01 and the stream time.
     from: Option<String>,
-    /// Before this time (RFC 3339); now by default.
+    /// Before this time (RFC 3339); now by default, which is the newest sample of a stream that has one.
     to: Option<String>,
     /// How finely, from the store; by default as the span asks for.
     tier: Option<TierName>,

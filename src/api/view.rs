@@ -45,7 +45,7 @@ pub struct MachineView {
     pub judged_by: Arc<str>,
     /// The source.
     pub source: SourceState,
-    /// Stream time of the newest sample judged or received, s.
+    /// Stream time of the newest sample received, s; before the first of live senders, of now.
     pub stream_time_s: f64,
     /// UTC of stream time 0; `None`: unknown, times are counted from 1970-01-01.
     pub start_time: Option<Timestamp>,

@@ -38,7 +38,7 @@ pub struct MachineItemWire {
     pub source: String,
     /// Number of alarms that are not back to normal.
     pub alarms: usize,
-    /// Stream time of the newest sample, s.
+    /// Stream time of the newest sample, s; null before the first.
     pub stream_time_s: Option<f64>,
     /// Time of the newest sample; null before the first.
     pub last_sample_time: Option<String>,
@@ -233,9 +233,12 @@ fn since_of_whole(view: &MachineView) -> Option<String> {
     since(view, diagnosis.components.len(), diagnosis.state)
 }
 
+fn has_samples(view: &MachineView) -> bool {
+    view.rings.iter().any(|ring| ring.received > 0)
+}
+
 fn last_sample_time(view: &MachineView) -> Option<String> {
-    let received = view.rings.iter().any(|ring| ring.received > 0);
-    received.then(|| rfc3339(view.start_time, view.stream_time_s))
+    has_samples(view).then(|| rfc3339(view.start_time, view.stream_time_s))
 }
 
 /// The health of each component; empty before the first verdict.
@@ -276,7 +279,7 @@ impl MachineItemWire {
             operating_state,
             source: source.to_owned(),
             alarms: view.alarms.len(),
-            stream_time_s: finite(view.stream_time_s),
+            stream_time_s: finite(view.stream_time_s).filter(|_| has_samples(view)),
             last_sample_time: last_sample_time(view),
             time_unknown: view.start_time.is_none(),
             data_quality: data_quality(view),

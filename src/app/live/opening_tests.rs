@@ -298,3 +298,16 @@ fn what_was_healthy_is_told_to_be_undetermined_while_no_data_come() {
     assert!(live.view.borrow().no_data().is_none());
     live.wait_for_told(|n_healthy| n_healthy > 0);
 }
+
+#[test]
+fn before_the_first_sample_stream_time_is_that_of_now() {
+    let mut live = impatient();
+    live.miss();
+    // A day before the start is stream time 0.
+    let from_start = |live: &Opened| live.view.borrow().stream_time_s - super::BEFORE_START_S;
+    assert!((0.0..60.0).contains(&from_start(&live)), "{}", from_start(&live));
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    live.play(7, 1);
+    live.miss();
+    assert!((live.view.borrow().stream_time_s - 8.0).abs() < 1e-9);
+}

@@ -23,6 +23,7 @@ use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
 use crate::api::view::Waveform;
+use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
@@ -462,11 +463,16 @@ impl Monitored {
 
     pub(super) fn stream_time_s(&self) -> f64 {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
+        self.stream_time_of(&rings)
+    }
+
+    /// Stream time when the rings stand so, s.
+    fn stream_time_of(&self, rings: &[RingStatus]) -> f64 {
         let is_empty = rings.iter().all(|ring| ring.received == 0);
         match self.start_time.filter(|_| self.opener.is_some() && is_empty) {
             // Before the first sample of live senders only the clock says what time it is.
             Some(start) => (super::wall_clock().0.saturating_sub(start.0)) as f64 / 1e9,
-            None => shown::newest_time_s(&rings),
+            None => shown::newest_time_s(rings),
         }
     }
 }

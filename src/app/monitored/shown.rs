@@ -22,7 +22,7 @@ impl Monitored {
         let is_silent = self.alarms().no_data().is_some();
         self.meters.show(self.diagnosis.as_deref(), &alarms, is_silent);
         self.meters.machine.sample_age_s.set(self.alarming.silent_s());
-        let stream_time_s = newest_time_s(&rings);
+        let stream_time_s = self.stream_time_of(&rings);
         let alarm_load = self.alarming.load(self.alarms(), &alarms, stream_time_s);
         self.publisher.send_replace(Arc::new(MachineView {
             machine: Arc::clone(&self.machine),
