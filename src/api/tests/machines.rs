@@ -111,6 +111,18 @@ async fn nothing_is_called_healthy_while_no_data_come() {
 }
 
 #[tokio::test]
+async fn of_a_machine_that_never_sent_it_is_told_since_when_data_are_missed() {
+    let mut engine = AlarmEngine::new("rig-1", alarms::Settings::default());
+    let now = Moment { stream_s: 12.0, monotonic_s: 99.0, utc: Timestamp::default() };
+    assert_eq!(engine.tick(now, DataFlow::SilentFor(60.0), None).len(), 1);
+    let service = Service::over(engine, Behaviour::Answers, |_| {});
+    service.view.send_modify(|view| Arc::make_mut(view).rings.clear());
+    let item = &service.get("/api/v1/machines").await.json()["items"][0];
+    assert_eq!(item["reason"], "no data have come since 2023-11-14T22:13:32Z");
+    assert!(item["stream_time_s"].is_null() && item["last_sample_time"].is_null(), "{item}");
+}
+
+#[tokio::test]
 async fn before_the_first_verdict_nothing_is_claimed() {
     let service = Service::new();
     service.view.send_modify(|view| {

@@ -158,12 +158,14 @@ pub fn source_text(source: &SourceState) -> (&'static str, Option<&str>) {
 #[must_use]
 pub fn no_data_reason(view: &MachineView) -> Option<String> {
     let alarm = view.no_data()?;
-    Some(match (&view.source, last_sample_time(view)) {
-        (SourceState::Failed(_), _) | (_, None) => alarm.why.clone(),
-        (_, Some(_)) if view.start_time.is_none() => {
-            format!("no data have come since {:.1} s of stream time", view.stream_time_s)
-        }
-        (_, Some(last)) => format!("no data have come since {last}"),
+    if matches!(view.source, SourceState::Failed(_)) {
+        return Some(alarm.why.clone());
+    }
+    // Of a source that has sent nothing since the start it is known since when it is missed.
+    let since_s = if has_samples(view) { view.stream_time_s } else { alarm.active_since_s };
+    Some(match view.start_time {
+        Some(_) => format!("no data have come since {}", rfc3339(view.start_time, since_s)),
+        None => format!("no data have come since {since_s:.1} s of stream time"),
     })
 }
 
