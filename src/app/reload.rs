@@ -198,15 +198,7 @@ impl Reloader {
             return Ok(());
         }
         let hash = configuration_hash(&config);
-        let text = match (applied.is_empty(), restart.is_empty()) {
-            (_, true) => format!("in effect: {}", applied.join(", ")),
-            (true, false) => format!("waits for a restart: {}", restart.join(", ")),
-            (false, false) => format!(
-                "in effect: {}; waits for a restart: {}",
-                applied.join(", "),
-                restart.join(", ")
-            ),
-        };
+        let text = words(&applied, &restart);
         tracing::info!(hash, text, "the configuration is taken over");
         let mut changes = vec![news(None, ConfigurationOutcome::Applied, hash.clone(), &text)];
         for (entry, extent) in config.machines.iter().zip(&machines) {
@@ -320,6 +312,17 @@ impl Reloader {
     }
 }
 
+/// What is in effect and what waits for a restart, for people; neither: what waited was taken back.
+fn words(applied: &[String], restart: &[String]) -> String {
+    let (now, later) = (applied.join(", "), restart.join(", "));
+    match (applied.is_empty(), restart.is_empty()) {
+        (true, true) => "nothing waits for a restart any more".to_owned(),
+        (false, true) => format!("in effect: {now}"),
+        (true, false) => format!("waits for a restart: {later}"),
+        (false, false) => format!("in effect: {now}; waits for a restart: {later}"),
+    }
+}
+
 /// Says in the log whose tokens came and went.
 fn tell_tokens(old: Option<&TokenList>, new: &TokenList) {
     let old = old.cloned().unwrap_or_default();
@@ -340,4 +343,18 @@ fn news(
 ) -> ConfigurationChange {
     let text = text.chars().take(MAX_TEXT_CHARS).collect();
     ConfigurationChange { machine, outcome, hash, text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::words;
+
+    #[test]
+    fn a_change_says_what_holds_and_what_waits_and_that_nothing_does_any_more() {
+        let [none, log, bind] = [vec![], vec!["log".to_owned()], vec!["server.bind".to_owned()]];
+        assert_eq!(words(&none, &none), "nothing waits for a restart any more");
+        assert_eq!(words(&log, &none), "in effect: log");
+        assert_eq!(words(&none, &bind), "waits for a restart: server.bind");
+        assert_eq!(words(&log, &bind), "in effect: log; waits for a restart: server.bind");
+    }
 }
