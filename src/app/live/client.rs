@@ -167,8 +167,8 @@ impl Sender {
             // The daemon closes after its last word; until then the bye may not have come.
             let _gone = way.line.write(&frame);
             let deadline = now() + PATIENCE;
-            while now() < deadline
-                && !matches!(way.line.receive(&mut way.frames, Duration::from_millis(50)), Ok(None))
+            let wait = Duration::from_millis(50);
+            while now() < deadline && matches!(way.line.receive(&mut way.frames, wait), Ok(Some(_)))
             {
             }
         }
@@ -390,4 +390,36 @@ fn refused(problem: wire::Problem) -> Broken {
 /// Waits until a moment, unless it has passed.
 pub fn wait_until(due: Instant) {
     thread::sleep(due.saturating_duration_since(now()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Channel;
+    use crate::wire::SampleType;
+    use crate::wire::Welcome;
+    use std::net::TcpListener;
+
+    #[test]
+    fn a_daemon_that_goes_without_a_word_is_not_waited_for_at_the_end() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let daemon = thread::spawn(move || {
+            let (stream, _) = listener.accept().unwrap();
+            let mut socket = tungstenite::accept(stream).unwrap();
+            socket.read().unwrap(); // the hello
+            let welcome = Welcome { credit_bytes: 1000, wanted: Vec::new() };
+            let mut frame = Vec::new();
+            wire::encode(&Message::Welcome(welcome), &mut frame).unwrap();
+            socket.send(tungstenite::Message::binary(frame)).unwrap();
+            socket.read().unwrap(); // the bye; nothing is closed as it should be
+        });
+        let hello = Hello::new("rig-1", 1, vec![Channel::new("x", 1.0, SampleType::I16, "")]);
+        let address = Address::parse(&url).unwrap();
+        let sender = Sender::connect(&address, None, hello).unwrap();
+        let begun = now();
+        sender.finish(Bye::End).unwrap();
+        assert!(now().saturating_duration_since(begun) < PATIENCE / 3);
+        daemon.join().unwrap();
+    }
 }
