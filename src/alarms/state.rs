@@ -48,12 +48,6 @@ impl AlarmState {
         matches!(self, Self::Unacknowledged | Self::Acknowledged)
     }
 
-    /// Whether an operator may acknowledge.
-    #[must_use]
-    pub fn awaits_acknowledgement(self) -> bool {
-        matches!(self, Self::Unacknowledged | Self::ReturnedUnacknowledged)
-    }
-
     /// Gives the state after what was observed, or after an act on the alarm itself.
     fn after(self, input: LifeInput, latching: bool) -> Result<Self, Refusal> {
         let at_rest = if latching { Self::Latched } else { Self::Normal };

@@ -2,7 +2,6 @@
 
 use super::queue::Closed;
 use super::queue::Queue;
-use super::queue::Refused;
 use super::renewal::Renewed;
 use crate::api::view::ShardBusy;
 use crate::api::view::ShardRequest;
@@ -124,26 +123,6 @@ impl Link {
         sent.inspect_err(|_| self.traffic.note_taken())
     }
 
-    /// Hands a block on if there is room, and otherwise drops and counts it: for live sources,
-    /// which cannot wait.
-    ///
-    /// # Errors
-    /// When the daemon is stopping.
-    pub fn offer(&self, block: Block, arrived: Instant) -> Result<(), Closed> {
-        let n_samples = block.samples.len() as u64;
-        let input = Input::Block(block, arrived);
-        let bytes = bytes_of(&input);
-        match self.queue.try_push((self.machine, input), bytes) {
-            Ok(()) => Ok(()),
-            Err(Refused::Closed(_)) => Err(Closed),
-            Err(Refused::Full(_)) => {
-                self.traffic.blocks_lost.fetch_add(1, Ordering::Relaxed);
-                self.traffic.samples_lost.fetch_add(n_samples, Ordering::Relaxed);
-                Ok(())
-            }
-        }
-    }
-
     /// Keeps room for what a live sender's block becomes; false: there is none.
     ///
     /// # Errors
@@ -225,7 +204,13 @@ mod tests {
                 time_s: 0.0,
                 samples: vec![0.0; 200], // 800 bytes: the second does not fit
             };
-            link.offer(block, super::super::now()).unwrap();
+            let input = Input::Block(block, super::super::now());
+            let bytes = bytes_of(&input);
+            match link.keep_room(bytes) {
+                Ok(true) => link.send_kept([input], bytes).unwrap(),
+                Ok(false) => link.note_dropped(200),
+                Err(Closed) => panic!("it is open"),
+            }
         }
         assert_eq!(link.traffic().lost(), (2, 400));
         queue.close();

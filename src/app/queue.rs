@@ -15,7 +15,7 @@ use std::time::Instant;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closed;
 
-/// Why an item was not taken; it comes back.
+/// Why a request was not taken; it comes back.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Refused<T> {
     /// No room.
@@ -94,24 +94,6 @@ impl<T, R> Queue<T, R> {
             .unwrap_or_else(PoisonError::into_inner);
         if lanes.is_closed {
             return Err(Closed);
-        }
-        lanes.put(item, bytes);
-        drop(lanes);
-        self.arrived.notify_one();
-        Ok(())
-    }
-
-    /// Puts an item in if there is room, for sources that cannot wait.
-    ///
-    /// # Errors
-    /// When there is no room or the queue is closed; the item comes back.
-    pub fn try_push(&self, item: T, bytes: usize) -> Result<(), Refused<T>> {
-        let mut lanes = self.lock();
-        if lanes.is_closed {
-            return Err(Refused::Closed(item));
-        }
-        if !self.has_room(&lanes, bytes) {
-            return Err(Refused::Full(item));
         }
         lanes.put(item, bytes);
         drop(lanes);
@@ -267,9 +249,10 @@ mod tests {
             queue.push_wait(i, 30).unwrap();
         }
         assert_eq!(queue.bytes(), 90);
-        assert_eq!(queue.try_push(3, 30), Err(Refused::Full(3)));
+        assert_eq!(queue.keep_room(30), Ok(false));
         assert_eq!(queue.pop(far()), Popped::Item(0));
-        assert_eq!(queue.try_push(3, 30), Ok(()));
+        assert_eq!(queue.keep_room(30), Ok(true));
+        queue.push_kept([(3, 30)], 30).unwrap();
         for i in 1..4 {
             assert_eq!(queue.pop(far()), Popped::Item(i));
         }
@@ -280,10 +263,10 @@ mod tests {
     #[test]
     fn an_item_larger_than_the_queue_is_taken_alone() {
         let queue: Queue<u32, ()> = Queue::new(10, 1);
-        assert_eq!(queue.try_push(0, 1000), Ok(()));
-        assert_eq!(queue.try_push(1, 1), Err(Refused::Full(1)));
+        assert_eq!(queue.push_wait(0, 1000), Ok(()));
+        assert_eq!(queue.keep_room(1), Ok(false));
         assert_eq!(queue.pop(far()), Popped::Item(0));
-        assert_eq!(queue.try_push(1, 1), Ok(()));
+        assert_eq!(queue.push_wait(1, 1), Ok(()));
     }
 
     #[test]
@@ -291,7 +274,7 @@ mod tests {
         let queue: Queue<u32, ()> = Queue::new(100, 1);
         assert_eq!(queue.keep_room(80), Ok(true));
         assert_eq!((queue.bytes(), queue.keep_room(30)), (80, Ok(false)));
-        assert_eq!(queue.try_push(9, 1000), Ok(()), "nothing waits: one is taken all the same");
+        assert_eq!(queue.push_wait(9, 1000), Ok(()), "nothing waits: one is taken all the same");
         queue.push_kept([(0, 20), (1, 30)], 80).unwrap();
         assert_eq!(queue.bytes(), 1050);
         assert_eq!(queue.pop(far()), Popped::Item(9));
@@ -338,7 +321,7 @@ mod tests {
         queue.close();
         assert_eq!(pushing.join().unwrap(), Err(Closed));
         assert_eq!(queue.pop(far()), Popped::Closed);
-        assert_eq!(queue.try_push(2, 1), Err(Refused::Closed(2)));
+        assert_eq!(queue.push_wait(2, 1), Err(Closed));
         assert_eq!(queue.try_request(()), Err(Refused::Closed(())));
     }
 }

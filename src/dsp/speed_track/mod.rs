@@ -219,13 +219,6 @@ impl<T: Real> SpeedTrackPlan<T> {
         &self.points
     }
 
-    /// Confidence of each frame of the last call, as in [`TrackedSpeed`]; frame m is centred at
-    /// (m·n/2 + n/2)/fs.
-    #[must_use]
-    pub fn frame_confidence(&self) -> &[f64] {
-        self.ridge.confidence()
-    }
-
     /// Shaft angle along the track of the last call, revolution 0 at its first point (D75); the mark of
     /// the shaft is unknown. `None` without a track. Allocates: it is a result to keep.
     #[must_use]

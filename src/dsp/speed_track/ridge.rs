@@ -65,10 +65,6 @@ impl Ridge {
         self.speed_hz(self.path[frame])
     }
 
-    pub(super) fn confidence(&self) -> &[f64] {
-        &self.confidence
-    }
-
     pub(super) fn set_score(&mut self, frame: usize, state: usize, score: f64) {
         self.scores[frame * self.n_states + state] = score;
     }
@@ -213,7 +209,7 @@ mod tests {
         for (frame, state) in best.1.into_iter().enumerate() {
             assert!((ridge.path_hz(frame) - 10.0 - 0.5 * state as f64).abs() < 1e-12);
             let share = through[frame][state] / total * exists;
-            assert!((ridge.confidence()[frame] - share).abs() < 1e-12);
+            assert!((ridge.confidence[frame] - share).abs() < 1e-12);
             expected += 0.25 * share;
         }
         assert!((mean - expected).abs() < 1e-12);
