@@ -11,10 +11,12 @@ use crate::alarms::Alarm;
 use crate::alarms::AlarmEvent;
 use crate::alarms::AlarmSource;
 use crate::alarms::Announcement;
+use crate::alarms::Level;
 use crate::alarms::load::Load;
 use crate::buffer::RingStatus;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
 use crate::machine::Machine;
@@ -93,6 +95,24 @@ impl MachineView {
         matches!(self.source, SourceState::Failed(_))
             || self.no_data().is_some()
             || self.alarms.iter().any(|alarm| is_of_channel(alarm) && tells_of_missing_data(alarm))
+    }
+}
+
+/// Alarms that verdicts raised and whose conditions are present, by kind and id of their components.
+#[must_use]
+pub fn accusations(alarms: &[Alarm]) -> Vec<&Alarm> {
+    let is_one = |alarm: &&Alarm| alarm.source == AlarmSource::Diagnosis && alarm.state.is_active();
+    let mut found: Vec<&Alarm> = alarms.iter().filter(is_one).collect();
+    found.sort_by(|a, b| (a.kind, &a.component).cmp(&(b.kind, &b.component)));
+    found
+}
+
+/// The state that an alarm of a verdict stands for.
+#[must_use]
+pub fn accused_state(level: Level) -> State {
+    match level {
+        Level::Warning => State::Warning,
+        Level::Damaged => State::Damaged,
     }
 }
 

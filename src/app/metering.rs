@@ -2,7 +2,10 @@
 
 use crate::alarms::Alarm;
 use crate::alarms::Level;
+use crate::api::view::accusations;
+use crate::api::view::accused_state;
 use crate::buffer::RingStatus;
+use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::signal::ChannelInfo;
@@ -69,11 +72,10 @@ impl Meters {
         alarms: &[Alarm],
         is_silent: bool,
     ) {
-        let components = diagnosis.map_or(&[][..], |diagnosis| &diagnosis.components);
         let mut shown = BTreeSet::new();
-        for one in components {
+        for (kind, id, state, severity) in known(diagnosis, alarms) {
             let is_of = |alarm: &&Alarm| {
-                alarm.kind == one.kind && alarm.component == one.id && alarm.silencing.is_none()
+                alarm.kind == kind && alarm.component == id && alarm.silencing.is_none()
             };
             let asking = alarms.iter().filter(|alarm| alarm.state.is_active()).filter(is_of);
             let level = asking.map(|alarm| alarm.level).max();
@@ -81,16 +83,16 @@ impl Meters {
                 Level::Warning => 1,
                 Level::Damaged => 2,
             });
-            let is_known = one.state != State::Healthy || !is_silent;
-            let state = match one.state {
+            let is_known = state != State::Healthy || !is_silent;
+            let state = match state {
                 State::Undetermined => 0,
                 State::Healthy => i64::from(is_known),
                 State::Warning => 2,
                 State::Damaged => 3,
             };
-            let of = (self.id.as_str(), one.kind.name(), one.id.as_str());
-            self.components.show(of, state, one.severity.filter(|_| is_known), alarm);
-            shown.insert((one.kind.name(), one.id.clone()));
+            let of = (self.id.as_str(), kind.name(), id);
+            self.components.show(of, state, severity.filter(|_| is_known), alarm);
+            shown.insert((kind.name(), id.to_owned()));
         }
         for (kind, id) in self.shown.difference(&shown) {
             self.components.forget((&self.id, kind, id));
@@ -99,9 +101,24 @@ impl Meters {
     }
 }
 
+/// A component by kind and id, its state and its severity.
+type Known<'a> = (ComponentKind, &'a str, State, Option<f64>);
+
+/// What is known of components: by the newest verdict, or, before there is one, by the alarms of those of before the start.
+fn known<'a>(diagnosis: Option<&'a Diagnosis>, alarms: &'a [Alarm]) -> Vec<Known<'a>> {
+    let Some(diagnosis) = diagnosis else {
+        let of = |a: &'a Alarm| (a.kind, &*a.component, accused_state(a.level), a.severity);
+        return accusations(alarms).into_iter().map(of).collect();
+    };
+    let components = diagnosis.components.iter();
+    components.map(|one| (one.kind, &*one.id, one.state, one.severity)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::alarms::AlarmEngine;
+    use crate::alarms::Settings;
     use crate::api::support::sample_diagnosis;
 
     #[test]
@@ -124,11 +141,28 @@ mod tests {
             };
             [0, 1].map(|i| {
                 let id = &ids[i];
-                (value("rotorwatch_component_state", id), value("rotorwatch_component_severity", id))
+                (
+                    value("rotorwatch_component_state", id),
+                    value("rotorwatch_component_severity", id),
+                )
             })
         };
         let own = |state: &str, severity: &str| (state.to_owned(), severity.to_owned());
         assert_eq!(shown(false), [own("1", "0.25"), own("2", "0.25")]);
         assert_eq!(shown(true), [own("0", "NaN"), own("2", "0.25")]);
+    }
+
+    #[test]
+    fn before_the_first_verdict_what_alarms_accuse_is_metered() {
+        let metrics = Metrics::new();
+        let mut meters = Meters::new(&metrics, "rig-1", &[]);
+        let mut engine = AlarmEngine::new("rig-1", Settings::default());
+        engine.observe(&sample_diagnosis(), 10.0);
+        let alarms = engine.standing();
+        meters.show(None, &alarms, true);
+        let text = metrics.encode();
+        let of_it = format!("component=\"{}\"", alarms[0].component);
+        let line = text.lines().find(|line| line.starts_with("rotorwatch_component_state{"));
+        assert!(line.is_some_and(|line| line.contains(&of_it) && line.ends_with(" 3")), "{text}");
     }
 }

@@ -123,11 +123,38 @@ async fn of_a_machine_that_never_sent_it_is_told_since_when_data_are_missed() {
 }
 
 #[tokio::test]
+async fn after_a_restart_what_was_accused_stays_so_as_its_alarm_does() {
+    let service = Service::new();
+    service.view.send_modify(|view| {
+        let view = Arc::make_mut(view);
+        view.diagnosis = None;
+        view.state_since_s.clear();
+        view.rings.clear();
+    });
+    let health = service.get("/api/v1/machines/rig-1/health").await.json();
+    assert_eq!(
+        (&health["state"], &health["since"]),
+        (&json!("damaged"), &json!("2023-11-14T22:13:30Z"))
+    );
+    let components = health["components"].as_array().unwrap();
+    assert_eq!(components.len(), 1, "{health}");
+    for (key, value) in
+        [("id", "right"), ("kind", "bearing"), ("fault", "inner_race"), ("state", "damaged")]
+    {
+        assert_eq!(components[0][key], value);
+    }
+    assert!(components[0]["severity"].is_number());
+    let item = &service.get("/api/v1/machines").await.json()["items"][0];
+    assert_eq!((&item["state"], &item["operating_state"]), (&json!("damaged"), &json!("unknown")));
+}
+
+#[tokio::test]
 async fn before_the_first_verdict_nothing_is_claimed() {
     let service = Service::new();
     service.view.send_modify(|view| {
         let view = Arc::make_mut(view);
         view.diagnosis = None;
+        view.alarms = Arc::default();
         view.state_since_s.clear();
         view.start_time = None;
         view.rings.clear();

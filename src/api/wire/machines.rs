@@ -7,7 +7,8 @@ use super::parts::{
     BearingWire, FrequencyTableWire, GearMemberWire, GearWire, MotorWire, SensorWire, ShaftWire,
 };
 use super::{finite, rfc3339};
-use crate::api::view::{MachineView, SourceState};
+use crate::alarms::Alarm;
+use crate::api::view::{MachineView, SourceState, accusations, accused_state};
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::{ComponentDiagnosis, DataQuality};
 use crate::machine::limits::IsoGroup;
@@ -30,7 +31,7 @@ pub struct MachineItemWire {
     pub id: String,
     /// Name for people.
     pub name: String,
-    /// State of the whole; undetermined before the first verdict.
+    /// State of the whole; before the first verdict that of the alarms that stand, or undetermined.
     pub state: StateName,
     /// Whether it runs.
     pub operating_state: OperatingStateName,
@@ -46,13 +47,13 @@ pub struct MachineItemWire {
     pub time_unknown: bool,
     /// Worst data quality among the sensors; null before the first verdict.
     pub data_quality: Option<DataQualityName>,
-    /// Since when it has this state; null before the first verdict.
+    /// Since when it has this state; null while nothing is known.
     pub since: Option<String>,
     /// Why the source failed, or since when it has delivered nothing: what was healthy is undetermined then.
     pub reason: Option<String>,
     /// That it is maintained: its alarms are out of service; null: it is not.
     pub maintenance: Option<MaintenanceWire>,
-    /// The components, if asked for; empty before the first verdict.
+    /// The components, if asked for; before the first verdict those that alarms accuse.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub components: Option<Vec<ComponentHealthWire>>,
 }
@@ -68,7 +69,7 @@ pub struct MachineWire {
     pub iso_group: Option<String>,
     /// Rated power, kW.
     pub power_kw: Option<f64>,
-    /// State of the whole; undetermined before the first verdict.
+    /// State of the whole; before the first verdict that of the alarms that stand, or undetermined.
     pub state: StateName,
     /// That it is maintained: its alarms are out of service; null: it is not.
     pub maintenance: Option<MaintenanceWire>,
@@ -91,15 +92,15 @@ pub struct MachineWire {
 pub struct HealthWire {
     /// Machine id.
     pub machine: String,
-    /// State of the whole; undetermined before the first verdict.
+    /// State of the whole; before the first verdict that of the alarms that stand, or undetermined.
     pub state: StateName,
-    /// Since when; null before the first verdict.
+    /// Since when; null while nothing is known.
     pub since: Option<String>,
     /// Whether it runs.
     pub operating_state: OperatingStateName,
     /// That it is maintained: its alarms are out of service; null: it is not.
     pub maintenance: Option<MaintenanceWire>,
-    /// Components; empty before the first verdict.
+    /// Components; before the first verdict those that alarms accuse.
     pub components: Vec<ComponentHealthWire>,
     /// The data behind it.
     pub data: HealthDataWire,
@@ -185,16 +186,26 @@ fn now(view: &MachineView, state: State) -> State {
     }
 }
 
-/// Gives the state of the whole and whether it runs; both unknown before the first verdict, and whether it runs while no data come.
+/// Gives the state of the whole and whether it runs. Before the first verdict what was accused before the start stays so, as its
+/// alarm does; whether it runs is unknown then, and while no data come.
 fn whole(view: &MachineView) -> (StateName, OperatingStateName) {
-    let unknown = (StateName::Undetermined, OperatingStateName::Unknown);
-    view.diagnosis.as_ref().map_or(unknown, |diagnosis| {
-        let runs = match view.no_data() {
-            Some(_) => OperatingStateName::Unknown,
-            None => diagnosis.operating_state.into(),
-        };
-        (now(view, diagnosis.state).into(), runs)
-    })
+    let Some(diagnosis) = &view.diagnosis else {
+        let state = worst_accusation(view).map(|alarm| accused_state(alarm.level));
+        return (state.unwrap_or(State::Undetermined).into(), OperatingStateName::Unknown);
+    };
+    let runs = match view.no_data() {
+        Some(_) => OperatingStateName::Unknown,
+        None => diagnosis.operating_state.into(),
+    };
+    (now(view, diagnosis.state).into(), runs)
+}
+
+/// Of the alarms of verdicts that stand the worst; of these the oldest.
+fn worst_accusation(view: &MachineView) -> Option<&Alarm> {
+    let worse = |a: &&Alarm, b: &&Alarm| {
+        a.level.cmp(&b.level).then(b.active_since_s.total_cmp(&a.active_since_s))
+    };
+    accusations(&view.alarms).into_iter().max_by(worse)
 }
 
 /// Worst data quality; at best degraded while no data come.
@@ -231,7 +242,10 @@ fn since(view: &MachineView, index: usize, state: State) -> Option<String> {
 }
 
 fn since_of_whole(view: &MachineView) -> Option<String> {
-    let diagnosis = view.diagnosis.as_ref()?;
+    let Some(diagnosis) = &view.diagnosis else {
+        let since_s = worst_accusation(view)?.active_since_s;
+        return Some(rfc3339(view.start_time, since_s));
+    };
     since(view, diagnosis.components.len(), diagnosis.state)
 }
 
@@ -243,9 +257,11 @@ fn last_sample_time(view: &MachineView) -> Option<String> {
     has_samples(view).then(|| rfc3339(view.start_time, view.stream_time_s))
 }
 
-/// The health of each component; empty before the first verdict.
+/// The health of each component; before the first verdict of those that were accused before the start.
 fn component_healths(view: &MachineView) -> Vec<ComponentHealthWire> {
-    let components = view.diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.components);
+    let Some(diagnosis) = &view.diagnosis else {
+        return accusations(&view.alarms).into_iter().map(|alarm| accused(view, alarm)).collect();
+    };
     let no_data = no_data_reason(view);
     let health = |(index, component): (usize, &ComponentDiagnosis)| {
         let is_known = now(view, component.state) == component.state;
@@ -265,7 +281,22 @@ fn component_healths(view: &MachineView) -> Vec<ComponentHealthWire> {
             confidence: component.confidence.filter(|_| is_known).and_then(finite),
         }
     };
-    components.iter().enumerate().map(health).collect()
+    diagnosis.components.iter().enumerate().map(health).collect()
+}
+
+/// The health of a component by its alarm, before the first verdict.
+fn accused(view: &MachineView, alarm: &Alarm) -> ComponentHealthWire {
+    let reason = no_data_reason(view);
+    ComponentHealthWire {
+        id: alarm.component.clone(),
+        kind: alarm.kind.into(),
+        state: accused_state(alarm.level).into(),
+        fault: alarm.fault.map(Into::into),
+        since: Some(rfc3339(view.start_time, alarm.active_since_s)),
+        why: reason.map_or(alarm.why.clone(), |reason| format!("{}; {reason}", alarm.why)),
+        severity: alarm.severity.and_then(finite),
+        confidence: alarm.confidence.and_then(finite),
+    }
 }
 
 impl MachineItemWire {
