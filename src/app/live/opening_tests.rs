@@ -3,13 +3,20 @@
 use super::Room;
 use super::joining;
 use crate::api::view::MachineView;
+use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
+use crate::app::Clock;
+use crate::app::captures::Captures;
 use crate::app::link::Input;
 use crate::app::link::Link;
 use crate::app::link::ShardQueue;
 use crate::app::monitored::Monitored;
 use crate::app::stores::Stores;
 use crate::app::tests::machine;
+use crate::capture::received::NumberType;
+use crate::capture::received::RawSamples;
+use crate::capture::received::Received;
+use crate::capture::received::ReceivedChannel;
 use crate::config::Config;
 use crate::config::FileText;
 use crate::config::Live;
@@ -28,6 +35,8 @@ use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::Held;
 use crate::store::StoreError;
+use crate::store::captures::CaptureIndex;
+use crate::store::captures::CaptureState;
 use crate::store::events::EventLog;
 use crate::telemetry::Metrics;
 use crate::units::Hz;
@@ -40,6 +49,7 @@ use std::thread;
 use std::time::Duration;
 use std::time::Instant;
 use tempfile::TempDir;
+use tokio::sync::oneshot;
 use tokio::sync::watch;
 
 const RATE_HZ: f64 = 1000.0;
@@ -51,6 +61,7 @@ struct Opened {
     link: Link,
     view: watch::Receiver<Arc<MachineView>>,
     log: Arc<dyn EventLog>,
+    captures: Arc<dyn CaptureIndex>,
     _folder: TempDir,
 }
 
@@ -134,10 +145,12 @@ fn live_of(config: Config, baselines: Option<Arc<dyn BaselineStore>>) -> Opened 
     let link = Link::new(Arc::new(ShardQueue::new(1 << 20, 4)), 0);
     let way = link.clone();
     let joined = joining::join(&config, &entry, way, (&stores, &metrics, &room), true).unwrap();
-    let Stores { keeping, events, .. } = stores;
+    let Stores { keeping, events, captures, .. } = stores;
     thread::spawn(move || keeping.run());
+    let Captures { plan, handle, .. } = captures.unwrap();
+    thread::spawn(move || plan.run(Clock::start()));
     let (monitored, view) = (joined.monitored, joined.handle.view);
-    Opened { monitored, link, view, log: events.log, _folder: folder }
+    Opened { monitored, link, view, log: events.log, captures: handle.index, _folder: folder }
 }
 
 fn stream(name: &str, rate_hz: f64) -> Input {
@@ -149,7 +162,18 @@ fn stream(name: &str, rate_hz: f64) -> Input {
         unit_conflict: None,
         full_scale: None,
     };
-    Input::Open(Box::new(StreamInfo { channels: vec![channel], ..super::unknown_stream() }))
+    let received = ReceivedChannel {
+        name: name.to_owned(),
+        sample_rate: Hz(rate_hz),
+        number_type: NumberType::F32,
+        scale: 1.0,
+        offset: 0.0,
+        raw_zero: 0.0,
+        unit: None,
+        sensor: None,
+    };
+    let (channels, received) = (vec![channel], vec![received]);
+    Input::Open(Box::new(StreamInfo { channels, received, ..super::unknown_stream() }))
 }
 
 impl Opened {
@@ -310,4 +334,31 @@ fn before_the_first_sample_stream_time_is_that_of_now() {
     live.play(7, 1);
     live.miss();
     assert!((live.view.borrow().stream_time_s - 8.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_capture_that_waits_for_data_ends_when_none_come() {
+    let mut live = impatient();
+    live.monitored.take(stream("x", RATE_HZ), 0);
+    let (channel, start) = (ChannelIndex(0), SampleIndex(0));
+    let raw = RawSamples::F32(vec![0.5; 1000]);
+    let run = Received { channel, start, segment: 1, time_s: 0.0, raw };
+    live.monitored.take(Input::Received(Arc::new(run)), 0);
+    live.play(0, 1);
+    let [author, comment] = ["M. Ito", "why"].map(str::to_owned);
+    let (reply, answer) = oneshot::channel();
+    let (before_s, after_s) = (None, Some(10.0));
+    let asked = ShardRequest::Capture { author, comment, before_s, after_s, reply };
+    live.monitored.answer(asked, 0);
+    let id = answer.blocking_recv().unwrap().unwrap();
+    live.miss();
+    let deadline = crate::app::now() + Duration::from_secs(30);
+    let mut entry = live.captures.find(&id).unwrap().unwrap();
+    while entry.state == CaptureState::Writing {
+        assert!(crate::app::now() < deadline, "{entry:?}");
+        thread::sleep(Duration::from_millis(20));
+        entry = live.captures.find(&id).unwrap().unwrap();
+    }
+    assert_eq!(entry.state, CaptureState::Complete);
+    assert_eq!(entry.note.as_deref(), Some("it ends early: no data come any more"));
 }
