@@ -26,6 +26,7 @@ use crate::store::captures::CaptureEntry;
 use crate::store::captures::CaptureIndex;
 use crate::store::captures::CaptureQuery;
 use crate::store::captures::CaptureState;
+use crate::store::sqlite;
 use crate::telemetry::Metrics;
 use crate::units::Hz;
 use std::sync::Arc;
@@ -157,6 +158,7 @@ struct Writing {
 
 fn writing() -> Writing {
     let folder = TempDir::new().unwrap();
+    drop(sqlite::open(folder.path()).unwrap()); // the index joins the store of alarms
     let store = Store { directory: folder.path().to_owned(), ..Store::default() };
     let config = Config { store, ..Config::default() };
     let metrics = Metrics::new();

@@ -2,6 +2,7 @@
 
 use super::Room;
 use super::joining;
+use crate::api::support::sample_diagnosis;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
@@ -312,15 +313,20 @@ fn a_sender_that_waits_for_room_is_not_silent() {
 fn what_was_healthy_is_told_to_be_undetermined_while_no_data_come() {
     let mut live = impatient();
     live.monitored.take(stream("x", RATE_HZ), 0);
-    live.play(0, 12);
-    live.wait_for_told(|n_healthy| n_healthy > 0);
+    live.play(0, 1);
+    let mut healthy = sample_diagnosis();
+    healthy.state = State::Healthy;
+    healthy.components.truncate(1);
+    healthy.components[0].state = State::Healthy;
+    live.monitored.take_verdict(healthy, 1.0);
+    live.wait_for_told(|n_healthy| n_healthy == 2);
     live.miss();
     live.wait_for_told(|n_healthy| n_healthy == 0);
     // They come again: what the newest verdict says holds, before there is another one.
-    live.play_at(12, 1, crate::app::now() + Duration::from_secs(60));
+    live.play_at(1, 1, crate::app::now() + Duration::from_secs(60));
     live.monitored.tick(0);
     assert!(live.view.borrow().no_data().is_none());
-    live.wait_for_told(|n_healthy| n_healthy > 0);
+    live.wait_for_told(|n_healthy| n_healthy == 2);
 }
 
 #[test]

@@ -303,6 +303,14 @@ impl Monitored {
         self.alarms().judged_until_s()
     }
 
+    /// Takes a verdict in as if a window had been judged so.
+    #[cfg(test)]
+    pub(in crate::app) fn take_verdict(&mut self, diagnosis: Diagnosis, time_s: f64) {
+        let health = self.health.observe(&diagnosis, time_s);
+        self.diagnosis = Some(Arc::new(diagnosis));
+        self.keep(Vec::new(), health);
+    }
+
     /// Takes in that time has passed and publishes a snapshot.
     pub fn tick(&mut self, queue_bytes: usize) {
         let stream_s = self.stream_time_s();
