@@ -4,6 +4,7 @@ use super::bench_live;
 use super::bench_live::LiveError;
 use super::output::Output;
 use super::output::OutputError;
+use super::output::Spared;
 use super::simulate;
 use crate::bench;
 use crate::bench::BenchError;
@@ -299,7 +300,7 @@ fn job(name: &str, arguments: &Arguments) -> Result<(), Failure> {
         Bench::Monitor => "monitor",
     };
     let mut turns = turns.ok_or_else(|| Failure::NoJob { bench, name: name.to_owned() })?;
-    let mut stdout = Output::open(None)?;
+    let mut stdout = Output::stdout();
     stdout.write(&format!("{}\n", turns.round()))?;
     for line in io::stdin().lines() {
         line.map_err(Failure::Input)?;
@@ -317,7 +318,7 @@ struct Page {
 
 impl Page {
     fn begin(columns: &'static [Column]) -> Result<Self, Failure> {
-        let (mut stdout, computer) = (Output::open(None)?, Computer::this());
+        let (mut stdout, computer) = (Output::stdout(), Computer::this());
         stdout.write(&format!("{}\n\n{}", computer.line(), table::heading(columns)))?;
         Ok(Self { stdout, columns, computer })
     }
@@ -365,7 +366,7 @@ impl Page {
 }
 
 fn file(path: &Path, text: &str) -> Result<(), Failure> {
-    let mut output = Output::open(Some(path))?;
+    let mut output = Output::open(Some(path), &Spared::nothing())?;
     output.write(text)?;
     Ok(output.finish()?)
 }

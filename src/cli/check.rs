@@ -130,7 +130,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn check_all(arguments: &Arguments) -> Result<bool, OutputError> {
-    let mut output = Output::open(None)?;
+    let mut output = Output::stdout();
     let mut all_right = true;
     for file in &arguments.files {
         let mut text = String::new();

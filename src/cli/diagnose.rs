@@ -6,6 +6,7 @@ use super::input;
 use super::input::InputError;
 use super::output::Output;
 use super::output::OutputError;
+use super::output::Spared;
 use super::page;
 use super::progress::Progress;
 use super::replayed;
@@ -141,8 +142,6 @@ enum DiagnoseError {
     Output(#[from] OutputError),
     #[error("the baseline {} cannot be used", file.display())]
     Baseline { file: PathBuf, source: Box<OfflineError> },
-    #[error("{}: --out would replace a file that is read; choose another name", file.display())]
-    Overwrites { file: PathBuf },
     #[error("--format html makes a page of one capture, here are {0}; call it once for each")]
     Pages(usize),
     #[error("the page cannot be made")]
@@ -200,7 +199,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
-    refuse_to_overwrite_inputs(arguments)?;
+    let read = arguments.captures.iter().chain(&arguments.baseline).chain(&arguments.machine);
+    let spared = Spared::nothing().and(read);
+    arguments.out.as_deref().map_or(Ok(()), |out| spared.refuse(out))?; // Before minutes of work.
     if arguments.format == Format::Html && arguments.captures.len() > 1 {
         return Err(DiagnoseError::Pages(arguments.captures.len()));
     }
@@ -217,7 +218,7 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         },
     };
     reference.baseline = learn(&arguments.baseline, &reference, &progress)?;
-    let mut output = Output::open(arguments.out.as_deref())?;
+    let mut output = Output::open(arguments.out.as_deref(), &spared)?;
     let writer = Writer::new(arguments, &output);
     let mut tally = Tally::default();
     for file in &arguments.captures {
@@ -331,19 +332,6 @@ fn tell_failure(file: &Path, error: &OfflineError) {
     } else {
         super::tell(error);
     }
-}
-
-/// Refuses an `--out` that names a file which is read.
-fn refuse_to_overwrite_inputs(arguments: &Arguments) -> Result<(), DiagnoseError> {
-    let Some(Ok(out)) = arguments.out.as_deref().map(fs::canonicalize) else {
-        return Ok(()); // stdout, or a file that is not there yet
-    };
-    let read = arguments.captures.iter().chain(&arguments.baseline).chain(&arguments.machine);
-    let mut read = read.filter_map(|file| fs::canonicalize(file).ok());
-    if out.is_file() && read.any(|file| file == out) {
-        return Err(DiagnoseError::Overwrites { file: out });
-    }
-    Ok(())
 }
 
 /// Sets verdicts as text or documents.

@@ -1,5 +1,6 @@
 //! Where results go: stdout, or a file that is complete under its name or not there at all.
 
+use crate::config::Config;
 use std::fs;
 use std::fs::File;
 use std::fs::Permissions;
@@ -12,10 +13,88 @@ use tempfile::NamedTempFile;
 
 /// Why results could not be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{target}: cannot be written")]
-pub struct OutputError {
-    target: String,
-    source: io::Error,
+pub enum OutputError {
+    /// The disk or device refuses.
+    #[error("{target}: cannot be written")]
+    Write {
+        /// Where to.
+        target: String,
+        /// Why not.
+        source: io::Error,
+    },
+    /// It is one of the command's own files.
+    #[error("{}: --out would replace a file that is read; choose another name", file.display())]
+    Overwrites {
+        /// As given.
+        file: PathBuf,
+    },
+    /// Only the daemon writes there.
+    #[error("{}: --out is inside the store's folder {}; choose another place", file.display(), store.display())]
+    InStore {
+        /// As given.
+        file: PathBuf,
+        /// The folder.
+        store: PathBuf,
+    },
+}
+
+/// What results never replace: every file that is read, and whatever is in the store's folder.
+#[derive(Debug, Clone, Default)]
+pub struct Spared {
+    files: Vec<PathBuf>,
+    store: Option<PathBuf>,
+}
+
+impl Spared {
+    /// For a command that reads no file.
+    #[must_use]
+    pub fn nothing() -> Self {
+        Self::default()
+    }
+
+    /// Everything that a configuration names, and its store.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let store = Some(config.store.directory.clone());
+        Self { files: config.inputs().map(Path::to_owned).collect(), store }
+    }
+
+    /// These files, too.
+    #[must_use]
+    pub fn and<P: AsRef<Path>>(mut self, files: impl IntoIterator<Item = P>) -> Self {
+        self.files.extend(files.into_iter().map(|file| file.as_ref().to_owned()));
+        self
+    }
+
+    /// Refuses a file that is one of these or in the store, by whatever name or link.
+    ///
+    /// # Errors
+    /// With what it would harm.
+    pub fn refuse(&self, out: &Path) -> Result<(), OutputError> {
+        if fs::metadata(out).is_ok_and(|found| !found.is_file()) {
+            return Ok(()); // A device holds nothing; a folder is refused by whoever opens it.
+        }
+        let (file, place) = (out.to_owned(), resolved(out));
+        if self.files.iter().any(|spared| resolved(spared) == place) {
+            return Err(OutputError::Overwrites { file });
+        }
+        match &self.store {
+            Some(store) if place.starts_with(resolved(store)) => {
+                Err(OutputError::InStore { file, store: store.clone() })
+            }
+            Some(_) | None => Ok(()),
+        }
+    }
+}
+
+/// A path without links, also of a file that is not there yet.
+fn resolved(path: &Path) -> PathBuf {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        Some(_) | None => Path::new("."),
+    };
+    let beside = || Some(fs::canonicalize(folder).ok()?.join(path.file_name()?));
+    fs::canonicalize(path).ok().or_else(beside).unwrap_or_else(|| path.to_owned())
 }
 
 /// Takes texts and puts them where they belong.
@@ -37,18 +116,24 @@ enum Target {
 }
 
 impl Output {
-    /// Opens stdout, or what `out` names. An existing file is replaced only by [`Output::finish`].
+    /// Stdout.
+    #[must_use]
+    pub fn stdout() -> Self {
+        Self { target: Target::Stdout, name: "stdout".to_owned() }
+    }
+
+    /// Opens stdout, or what `out` names unless that is spared. An existing file is replaced only by
+    /// [`Output::finish`].
     ///
     /// # Errors
-    /// When a file cannot be created there.
-    pub fn open(out: Option<&Path>) -> Result<Self, OutputError> {
-        let Some(out) = out else {
-            return Ok(Self { target: Target::Stdout, name: "stdout".to_owned() });
-        };
+    /// When a file is not to be written there, or cannot be created.
+    pub fn open(out: Option<&Path>, spared: &Spared) -> Result<Self, OutputError> {
+        let Some(out) = out else { return Ok(Self::stdout()) };
+        spared.refuse(out)?;
         let name = out.display().to_string();
         match target(out) {
             Ok(target) => Ok(Self { target, name }),
-            Err(source) => Err(OutputError { target: name, source }),
+            Err(source) => Err(OutputError::Write { target: name, source }),
         }
     }
 
@@ -72,7 +157,7 @@ impl Output {
                 self.target = Target::Closed;
                 Ok(())
             }
-            Err(source) => Err(OutputError { target: self.name.clone(), source }),
+            Err(source) => Err(OutputError::Write { target: self.name.clone(), source }),
             Ok(()) => Ok(()),
         }
     }
@@ -99,7 +184,7 @@ impl Output {
             .as_file()
             .sync_all()
             .and_then(|()| file.persist(name).map_err(|error| error.error));
-        named.map(|_| ()).map_err(|source| OutputError { target: self.name, source })
+        named.map(|_| ()).map_err(|source| OutputError::Write { target: self.name, source })
     }
 }
 
@@ -141,7 +226,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("out.json");
         fs::write(&path, "old").unwrap();
-        let mut output = Output::open(Some(&path)).unwrap();
+        let mut output = Output::open(Some(&path), &Spared::nothing()).unwrap();
         output.write("one\n").unwrap();
         output.write("two\n").unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "old");
@@ -153,7 +238,8 @@ mod tests {
     #[test]
     fn nothing_remains_of_what_was_not_finished() {
         let dir = tempfile::tempdir().unwrap();
-        let mut output = Output::open(Some(&dir.path().join("out.json"))).unwrap();
+        let mut output =
+            Output::open(Some(&dir.path().join("out.json")), &Spared::nothing()).unwrap();
         output.write("one\n").unwrap();
         drop(output);
         assert!(names(dir.path()).is_empty());
@@ -163,14 +249,14 @@ mod tests {
     fn a_folder_that_is_missing_or_in_the_way_is_named() {
         let dir = tempfile::tempdir().unwrap();
         for path in [dir.path().join("no/out.json"), dir.path().to_owned()] {
-            let text = Output::open(Some(&path)).unwrap_err().to_string();
+            let text = Output::open(Some(&path), &Spared::nothing()).unwrap_err().to_string();
             assert_eq!(text, format!("{}: cannot be written", path.display()));
         }
     }
 
     #[test]
     fn a_device_is_written_as_it_is() {
-        let mut output = Output::open(Some(Path::new("/dev/null"))).unwrap();
+        let mut output = Output::open(Some(Path::new("/dev/null")), &Spared::nothing()).unwrap();
         output.write("one\n").unwrap();
         output.finish().unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
@@ -182,10 +268,42 @@ mod tests {
         let (file, link) = (dir.path().join("file"), dir.path().join("link"));
         fs::write(&file, "old").unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
-        let mut output = Output::open(Some(&link)).unwrap();
+        let mut output = Output::open(Some(&link), &Spared::nothing()).unwrap();
         output.write("new").unwrap();
         output.finish().unwrap();
         assert_eq!(fs::read_to_string(&file).unwrap(), "new");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    }
+
+    #[test]
+    fn what_is_read_is_spared_by_every_name_and_so_is_the_store() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for folder in ["data", "elsewhere"] {
+            fs::create_dir(at(folder)).unwrap();
+        }
+        fs::write(at("read.toml"), "read").unwrap();
+        fs::write(at("data/state.db"), "database").unwrap();
+        std::os::unix::fs::symlink(at("read.toml"), at("link.toml")).unwrap();
+        std::os::unix::fs::symlink(at("data"), at("link")).unwrap();
+        let config = Config {
+            store: crate::config::Store { directory: at("link"), ..Default::default() },
+            ..Config::default()
+        };
+        let spared = Spared::of(&config).and([&at("read.toml"), &at("not-yet.toml")]);
+        for name in ["read.toml", "link.toml", "data/../read.toml", "elsewhere/../not-yet.toml"] {
+            let error = Output::open(Some(&at(name)), &spared).unwrap_err();
+            assert!(matches!(error, OutputError::Overwrites { .. }), "{name}: {error}");
+        }
+        for name in ["data/state.db", "link/state.db", "data/new.csv", "elsewhere/../link/new"] {
+            let error = Output::open(Some(&at(name)), &spared).unwrap_err();
+            assert!(matches!(error, OutputError::InStore { .. }), "{name}: {error}");
+        }
+        for name in ["new.csv", "elsewhere/state.db", "data.csv"] {
+            spared.refuse(&at(name)).unwrap();
+        }
+        spared.refuse(Path::new("/dev/null")).unwrap();
+        assert_eq!(fs::read_to_string(at("read.toml")).unwrap(), "read");
+        assert_eq!(names(&at("data")), ["state.db"]);
     }
 }

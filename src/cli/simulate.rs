@@ -1,6 +1,7 @@
 //! `rotorwatch simulate`: a scene → a capture with its truth.
 
 use super::output::Output;
+use super::output::Spared;
 use super::progress::Progress;
 use crate::capture::error::CaptureError;
 use crate::capture::streaming::GrowingChannel;
@@ -120,15 +121,28 @@ fn simulate(arguments: &Arguments) -> Result<(), SimulateError> {
     let mut simulation = Simulation::new(&scene, seed)?;
     if arguments.explain {
         let cost = cost(&scene, seed)?;
-        Output::open(None)?.write(&(explain::explain(&simulation) + &cost))?;
+        Output::stdout().write(&(explain::explain(&simulation) + &cost))?;
     }
     let Some(out) = &arguments.out else { return Ok(()) };
+    Spared::nothing().and(&inputs(&scene, &arguments.scene)).refuse(out)?;
     let progress = Progress::new(true);
     progress.of(out, |tell| write(&mut simulation, (machine, seed), out, tell))?;
     for warning in simulation.warnings() {
         tracing::warn!("{}: {warning}", scene.name);
     }
     Ok(())
+}
+
+/// The files a scene is read from.
+fn inputs(scene: &Scene, name: &str) -> Vec<PathBuf> {
+    let path = Path::new(name);
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let machine = match &scene.machine {
+        Some(MachineText::File(file)) => Some(beside.join(file)),
+        Some(MachineText::Inline(_)) | None => None,
+    };
+    let files = std::iter::once(path.to_owned()).chain(machine);
+    if path.exists() { files.collect() } else { Vec::new() }
 }
 
 /// Reads a scene by file or by name; files come first.

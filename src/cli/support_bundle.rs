@@ -5,6 +5,7 @@ use super::backup::private;
 use super::client::Api;
 use super::client::AskError;
 use super::client::DaemonArguments;
+use super::output::Spared;
 use crate::app;
 use crate::causes::with_causes;
 use crate::config;
@@ -105,6 +106,9 @@ fn bundle(arguments: &Arguments) -> Result<String, ArchiveError> {
     if out.exists() {
         return Err(ArchiveError::Exists { file: out.clone() });
     }
+    let config = arguments.config.as_deref();
+    let config = config.map(|file| config::load_as(file, config::Exposure::Insecure));
+    config.and_then(Result::ok).as_ref().map(Spared::of).unwrap_or_default().refuse(out)?;
     let opened = private(out).map_err(told("making", out))?;
     let archive = tar::Builder::new(GzEncoder::new(opened, Compression::default()));
     let mut bundle = Bundle { out: archive, missing: String::new(), n_files: 0 };

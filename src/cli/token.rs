@@ -3,6 +3,8 @@
 //! The file holds digests. A secret is printed once, when it is made, and nowhere else.
 
 use super::alarms::seconds;
+use super::output::OutputError;
+use super::output::Spared;
 use crate::access::ListError;
 use crate::access::Role;
 use crate::access::Secret;
@@ -160,6 +162,8 @@ enum Failure {
     #[error("{}: cannot be written", file.display())]
     Write { file: PathBuf, source: io::Error },
     #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
     Token(#[from] TokenError),
     #[error("the system gives no random numbers")]
     Random(#[source] rand::rngs::SysError),
@@ -190,6 +194,9 @@ fn create(arguments: &CreateArguments) -> Result<String, Failure> {
     let who = (&*arguments.label, arguments.role.into());
     let token = Token::new(&secret, who, &arguments.machine, times)?;
     let file = file_of(&arguments.place)?;
+    if let Some(out) = &arguments.out {
+        spared(&arguments.place, &file).refuse(out)?;
+    }
     let locked = Locked::open(&file)?;
     let mut tokens = locked.read()?;
     tokens.add(token).map_err(|source| Failure::List { file: file.clone(), source })?;
@@ -208,6 +215,14 @@ fn create(arguments: &CreateArguments) -> Result<String, Failure> {
     // Beside the secret, so that that can go into a file alone.
     let _no_stderr = io::stderr().write_all(note.as_bytes());
     Ok(told)
+}
+
+/// What a secret is not written into; of a configuration with mistakes no more than is known.
+fn spared(place: &Place, tokens: &Path) -> Spared {
+    let config =
+        place.config.as_deref().map(|file| config::load_as(file, config::Exposure::Insecure));
+    let of_config = config.and_then(Result::ok).as_ref().map(Spared::of);
+    of_config.unwrap_or_default().and(&place.config).and([tokens])
 }
 
 /// Writes a new file that nobody else can read.

@@ -207,6 +207,20 @@ pub enum SourceConfig {
     Live(Live),
 }
 
+impl Config {
+    /// Every file that it was read from, or that a daemon with it reads.
+    pub fn inputs(&self) -> impl Iterator<Item = &Path> {
+        let played = self.machines.iter().filter_map(|machine| match &machine.source {
+            SourceConfig::Replay(settings) => Some(&settings.file),
+            SourceConfig::Simulated(_) | SourceConfig::Live(_) => None,
+        });
+        let baselines = self.machines.iter().flat_map(|machine| &machine.baseline);
+        let machines = self.machines.iter().map(|machine| &machine.file);
+        let files = self.files.0.iter().chain(machines).chain(baselines).chain(played);
+        files.map(PathBuf::as_path)
+    }
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {

@@ -3,6 +3,7 @@
 use crate::api::wire::backup::ManifestFileWire;
 use crate::api::wire::backup::ManifestWire;
 use crate::api::wire::backup::SCHEMA;
+use crate::cli::output::OutputError;
 use crate::store::backup::BackupError;
 use crate::store::backup::told;
 use flate2::Compression;
@@ -38,6 +39,9 @@ pub(crate) enum ArchiveError {
     /// The store or a file of it refused.
     #[error(transparent)]
     Backup(#[from] BackupError),
+    /// Nothing is to be written there.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// There is something of this name already.
     #[error("{} is there already: choose another name, nothing is written over", file.display())]
     Exists {

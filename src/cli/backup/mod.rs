@@ -12,6 +12,8 @@ use crate::api::wire::backup::SCHEMA;
 use crate::api::wire::rfc3339;
 use crate::app;
 use crate::capture::recording::store as recordings;
+use crate::cli::output::OutputError;
+use crate::cli::output::Spared;
 use crate::config;
 use crate::config::Config;
 use crate::config::ConfigErrors;
@@ -64,6 +66,8 @@ enum Failure {
     Archive(#[from] ArchiveError),
     #[error(transparent)]
     Backup(#[from] BackupError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
 /// Makes a backup; exit code 0, or 2 on an error.
@@ -87,6 +91,7 @@ fn summary(manifest: &ManifestWire, out: &Path) -> String {
 
 fn back_up(arguments: &Arguments) -> Result<ManifestWire, Failure> {
     let config = config::load_as(&arguments.config, config::Exposure::Insecure)?;
+    Spared::of(&config).refuse(&arguments.out)?;
     let mut writer = Writer::create(&arguments.out)?;
     let beside = arguments.out.parent().filter(|folder| !folder.as_os_str().is_empty());
     let beside = beside.unwrap_or(Path::new("."));

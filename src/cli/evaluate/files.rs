@@ -9,6 +9,7 @@ use crate::bench::table;
 use crate::bench::table::Cell;
 use crate::bench::table::Column;
 use crate::cli::output::Output;
+use crate::cli::output::Spared;
 use crate::cli::page;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Diagnosis;
@@ -48,6 +49,7 @@ const COLUMNS: [&str; 16] = [
 #[derive(Debug)]
 pub(super) struct Folder {
     path: PathBuf,
+    spared: Spared,
     rows: Vec<Vec<Cell>>,
     listed: Vec<Listed>,
 }
@@ -64,20 +66,12 @@ pub(super) const PAGES: &str = "records";
 const NAME_MAX: usize = 80;
 
 impl Folder {
-    /// Makes the folder, before any work is done.
-    pub(super) fn make(path: &Path) -> Result<Self, EvaluateError> {
+    /// Makes the folder, before any work is done; refuses it if files of it are spared.
+    pub(super) fn make(path: &Path, spared: Spared) -> Result<Self, EvaluateError> {
         let cannot = |source| EvaluateError::Folder { folder: path.to_owned(), source };
         fs::create_dir_all(path.join(PAGES)).map_err(cannot)?;
-        Ok(Self { path: path.to_owned(), rows: Vec::new(), listed: Vec::new() })
-    }
-
-    /// Whether a file is one of those that are written here.
-    pub(super) fn would_replace(&self, file: &Path) -> bool {
-        let same = |name: &str| {
-            let (ours, theirs) = (fs::canonicalize(self.path.join(name)), fs::canonicalize(file));
-            matches!((ours, theirs), (Ok(ours), Ok(theirs)) if ours == theirs)
-        };
-        [VERDICTS, DOCUMENT, INDEX].iter().any(|name| same(name))
+        [VERDICTS, DOCUMENT, INDEX].iter().try_for_each(|name| spared.refuse(&path.join(name)))?;
+        Ok(Self { path: path.to_owned(), spared, rows: Vec::new(), listed: Vec::new() })
     }
 
     /// Takes a record and writes its page.
@@ -139,7 +133,7 @@ impl Folder {
     }
 
     fn file(&self, name: &str, text: &str) -> Result<(), EvaluateError> {
-        let mut output = Output::open(Some(&self.path.join(name)))?;
+        let mut output = Output::open(Some(&self.path.join(name)), &self.spared)?;
         output.write(text)?;
         Ok(output.finish()?)
     }
@@ -252,14 +246,18 @@ mod tests {
     #[test]
     fn a_truth_table_of_the_same_name_is_not_replaced() {
         let dir = tempfile::tempdir().unwrap();
-        let folder = Folder::make(dir.path()).unwrap();
         let table = dir.path().join(VERDICTS);
-        assert!(!folder.would_replace(&table), "there is none yet");
         fs::write(&table, "file\n").unwrap();
-        assert!(
-            folder.would_replace(&table)
-                && folder.would_replace(&dir.path().join("records/../verdicts.csv"))
-        );
-        assert!(!folder.would_replace(&dir.path().join("truth.csv")));
+        let make =
+            |read: &Path| Folder::make(dir.path(), Spared::nothing().and([&read.to_owned()]));
+        make(&dir.path().join("truth.csv")).unwrap();
+        for name in [VERDICTS, "records/../verdicts.csv"] {
+            let error = make(&dir.path().join(name)).unwrap_err().to_string();
+            assert!(error.contains("--out would replace a file that is read"), "{error}");
+        }
+        let page = dir.path().join("records/1-x.html");
+        let folder = make(&page).unwrap();
+        assert!(folder.file("records/1-x.html", "").is_err(), "a record that is read");
+        folder.file("records/2-x.html", "").unwrap();
     }
 }

@@ -11,6 +11,7 @@ use crate::capture::writer::ChannelHeader;
 use crate::capture::writer::ChannelSamples;
 use crate::capture::writer::ChannelStorage;
 use crate::cli::output::Output;
+use crate::cli::output::Spared;
 use crate::cli::page;
 use crate::evaluation::summary::Record;
 use crate::offline::Reference;
@@ -66,7 +67,7 @@ impl Kept {
             &above(record, &capture),
         );
         let page = format!("{name}.html");
-        let mut output = Output::open(Some(&self.folder.join(&page)))?;
+        let mut output = Output::open(Some(&self.folder.join(&page)), &Spared::nothing())?;
         output.write(&text.map_err(Box::new)?)?;
         output.finish()?;
         self.names.insert(name);

@@ -14,6 +14,7 @@ mod text;
 use super::EXIT_ERROR;
 use super::output::Output;
 use super::output::OutputError;
+use super::output::Spared;
 use super::terminal::Page;
 use crate::api::wire::evaluation::EvaluationDocument;
 use crate::capture::error::CaptureError;
@@ -125,8 +126,6 @@ pub(super) enum EvaluateError {
     Truth(#[from] TruthErrors),
     #[error("{0}")]
     Machines(String),
-    #[error("{}: --out would replace the truth table; choose another folder", file.display())]
-    Overwrites { file: PathBuf },
     #[error("{}: cannot be made", folder.display())]
     Folder { folder: PathBuf, source: io::Error },
     #[error(transparent)]
@@ -160,10 +159,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
     let Some(truth) = &arguments.truth else { return evaluate_grid(arguments) };
     let task = table::Task::read(truth, arguments.machines.as_deref())?;
-    let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
-    if folder.as_ref().is_some_and(|folder| folder.would_replace(truth)) {
-        return Err(EvaluateError::Overwrites { file: truth.clone() });
-    }
+    let spared = Spared::nothing().and([truth]).and(&task.inputs());
+    let made = arguments.out.as_deref().map(|out| files::Folder::make(out, spared));
+    let mut folder = made.transpose()?;
     let mut records = Vec::new();
     task.diagnose(arguments.format == Format::Text, &mut |case| {
         if let Some(folder) = &mut folder {
@@ -185,7 +183,8 @@ fn evaluate_grid(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
         is_healthy: arguments.healthy,
         part: arguments.part,
     };
-    let mut folder = arguments.out.as_deref().map(files::Folder::make).transpose()?;
+    let made = arguments.out.as_deref().map(|out| files::Folder::make(out, Spared::nothing()));
+    let mut folder = made.transpose()?;
     let mut kept = folder.as_ref().map(|folder| kept::Kept::new(folder.path()));
     let mut keep = |record: &Record, wrong: &grid::Wrong| {
         kept.as_mut().map_or(Ok(None), |kept| kept.take(record, wrong))
@@ -211,7 +210,7 @@ fn tell(
     if let Some(folder) = folder {
         folder.finish(truth, &summary, &document)?;
     }
-    let mut stdout = Output::open(None)?;
+    let mut stdout = Output::stdout();
     match format {
         Format::Text => stdout.write(&text::of(records, &summary, truth, &Page::of_stdout()))?,
         Format::Json => stdout.write(&(serde_json::to_string(&document)? + "\n"))?,

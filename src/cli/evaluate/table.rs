@@ -50,6 +50,8 @@ pub(super) struct Task {
     /// What files of the table count from.
     folder: PathBuf,
     machines: BTreeMap<String, Arc<Machine>>,
+    /// The folder of the machine files.
+    machine_folder: PathBuf,
 }
 
 /// Baselines measured so far, by data set and file; or why they cannot be used.
@@ -61,12 +63,24 @@ impl Task {
         let table = TruthTable::parse(&read_text(truth)?, &truth.display().to_string())?;
         let folder = truth.parent().unwrap_or(Path::new("")).to_owned();
         let machines = machines.map_or_else(|| folder.join("machines"), Path::to_owned);
-        let machines = read_machines(&table, &machines, truth)?;
+        let machine_folder = machines;
+        let machines = read_machines(&table, &machine_folder, truth)?;
         if !table.ignored.is_empty() {
             let columns = table.ignored.join(", ");
             tracing::warn!("{}: columns that mean nothing here: {columns}", truth.display());
         }
-        Ok(Self { table, folder, machines })
+        Ok(Self { table, folder, machines, machine_folder })
+    }
+
+    /// Every file that is read beside the table.
+    pub(super) fn inputs(&self) -> Vec<PathBuf> {
+        let machines = self.machines.keys();
+        let mut files: Vec<PathBuf> =
+            machines.map(|name| self.machine_folder.join(format!("{name}.toml"))).collect();
+        for row in &self.table.rows {
+            files.extend(row.baseline.iter().chain([&row.file]).map(|name| self.folder.join(name)));
+        }
+        files
     }
 
     /// Diagnoses and scores every row that is to be scored, and hands on what came of it.

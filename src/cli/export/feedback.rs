@@ -6,6 +6,7 @@ use super::PAGE;
 use super::field;
 use crate::api::wire::rfc3339;
 use crate::cli::output::Output;
+use crate::cli::output::Spared;
 use crate::config::Config;
 use crate::diagnosis::fault::FaultMode;
 use crate::signal::Timestamp;
@@ -24,7 +25,7 @@ pub(super) fn write(
     config: &Config,
     machines: &[String],
 ) -> Result<(), ExportError> {
-    let mut output = Output::open(arguments.out.as_deref())?;
+    let mut output = Output::open(arguments.out.as_deref(), &Spared::of(config))?;
     output.write(COLUMNS)?;
     let Some(store) = SqliteFeedback::read_only(&config.store.directory)? else {
         return Ok(output.finish()?);

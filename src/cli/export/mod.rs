@@ -7,6 +7,7 @@ mod feedback;
 use super::baseline::NoSuchMachine;
 use super::output::Output;
 use super::output::OutputError;
+use super::output::Spared;
 use super::replay_alarms::time;
 use crate::alarms::AlarmEvent;
 use crate::api::wire::rfc3339;
@@ -299,7 +300,7 @@ fn number(value: Option<&f32>) -> String {
 
 fn csv(arguments: &Arguments, config: &Config, machines: &[String]) -> Result<(), ExportError> {
     let archive = SqliteTrendArchive::new(&config.store.directory);
-    let mut output = Output::open(arguments.out.as_deref())?;
+    let mut output = Output::open(arguments.out.as_deref(), &Spared::of(config))?;
     let is_coarse = tier(arguments) != Tier::Windows;
     let more = if is_coarse { ",low,high" } else { "" };
     output.write(&format!("time,machine,kind,name,feature,unit,value{more}\n"))?;
@@ -341,6 +342,7 @@ fn lines(table: &Table, of: &str, is_coarse: bool) -> String {
 fn hdf5(arguments: &Arguments, config: &Config, machines: &[String]) -> Result<(), ExportError> {
     let archive = SqliteTrendArchive::new(&config.store.directory);
     let out = arguments.out.as_ref().ok_or(ExportError::NoFile)?;
+    Spared::of(config).refuse(out)?;
     let mut writer = TrendWriter::create(out, tier(arguments).name())?;
     for machine in machines {
         for subject in subjects(arguments, &archive, machine)? {
@@ -368,7 +370,7 @@ const EVENT_COLUMNS: &str = "time,machine,sequence,event,alarm,source,limit,kind
                              severity,confidence,author,comment,why\n";
 
 fn alarms(arguments: &Arguments, config: &Config, machines: &[String]) -> Result<(), ExportError> {
-    let mut output = Output::open(arguments.out.as_deref())?;
+    let mut output = Output::open(arguments.out.as_deref(), &Spared::of(config))?;
     output.write(EVENT_COLUMNS)?;
     let Some(archive) = sqlite::read_only(&config.store.directory)? else {
         return Ok(output.finish()?);

@@ -11,6 +11,7 @@ mod tests;
 use super::EXIT_ERROR;
 use super::output::Output;
 use super::output::OutputError;
+use super::output::Spared;
 use crate::alarms::Settings;
 use crate::api::wire::rerun::RerunDocument;
 use crate::config;
@@ -142,6 +143,11 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 
 fn answer(arguments: &Arguments) -> Result<(), RerunError> {
     let config = config::load(&arguments.config)?;
+    let mut spared = Spared::of(&config).and(&arguments.with);
+    if let Some(Ok(other)) = arguments.with.as_deref().map(config::load) {
+        spared = spared.and(other.inputs());
+    }
+    arguments.out.as_deref().map_or(Ok(()), |out| spared.refuse(out))?;
     let entry = super::baseline::machine(&config, arguments.machine.as_deref())?;
     let id = &entry.machine.id;
     let (machine, settings) = match &arguments.with {
@@ -164,7 +170,7 @@ fn answer(arguments: &Arguments) -> Result<(), RerunError> {
             serde_json::to_string_pretty(&document)? + "\n"
         }
     };
-    let mut output = Output::open(arguments.out.as_deref())?;
+    let mut output = Output::open(arguments.out.as_deref(), &spared)?;
     output.write(&printed)?;
     output.finish()?;
     Ok(())
