@@ -56,7 +56,14 @@ fn hdf5(path: &Path, machine: Option<&Machine>, hints: &Hints) -> Result<Opened,
         .len();
     let checks = Checks { path, file_bytes };
     let attributes = root::attributes(path)?; // Tells a truncated file before the library does.
-    let file = File::open(path).map_err(|source| checks.library("the file", source))?;
+    let file = File::open(path).map_err(|source| match root::name_not_utf8(path) {
+        Some(object) => CaptureError::Content {
+            file: path.into(),
+            object,
+            problem: "this name is not UTF-8, and no object of such a file can be read; rename it (docs/hdf5.md)".into(),
+        },
+        None => checks.library("the file", source),
+    })?;
     let of_machine = map_of(machine).map_err(|wrong| CaptureError::Mapped {
         file: path.into(),
         origin: wrong.origin,

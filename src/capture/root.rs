@@ -24,6 +24,9 @@ const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 /// Continuation blocks followed at most.
 const CONTINUATIONS_MAX: usize = 4096;
 
+/// Objects looked at for their names at most.
+const OBJECTS_MAX: usize = 10_000;
+
 /// Bytes of one object-header block at most.
 const HEADER_BYTES_MAX: u64 = 4 << 20;
 
@@ -48,6 +51,44 @@ pub(super) fn group_attributes(
     path: &Path,
     group: &str,
 ) -> Result<BTreeMap<String, RootAttribute>, CaptureError> {
+    let (mut bytes, superblock) = opened(path)?;
+    let library = |source: LibraryError| CaptureError::Library {
+        file: path.into(),
+        object: format!("the attributes of /{group}"),
+        source,
+    };
+    hdf5::guarded(|| attributes_of(&mut bytes, &superblock, group)).map_err(library)
+}
+
+/// Path of the first object whose name is not UTF-8, its other bytes escaped; `None`: there is none, or it cannot be told.
+pub(super) fn name_not_utf8(path: &Path) -> Option<String> {
+    let (mut bytes, superblock) = opened(path).ok()?;
+    let search = || Ok::<_, FormatError>(first_name_not_utf8(&mut bytes, &superblock));
+    hdf5::guarded(search).ok().flatten()
+}
+
+fn first_name_not_utf8(bytes: &mut Bytes, superblock: &Superblock) -> Option<String> {
+    let mut ahead = vec![(String::new(), superblock.root)];
+    let mut seen = BTreeSet::new();
+    while let Some((path, address)) = ahead.pop() {
+        if !seen.insert(address) || seen.len() > OBJECTS_MAX {
+            continue;
+        }
+        // What cannot be read has no names.
+        let Ok(messages) = header_messages(bytes, &superblock.context, address) else { continue };
+        let links = links::names(&messages, &superblock.context, bytes).unwrap_or_default();
+        for (name, target) in links {
+            match String::from_utf8(name) {
+                Ok(name) => ahead.extend(target.map(|to| (format!("{path}/{name}"), to))),
+                Err(error) => return Some(format!("{path}/{}", error.as_bytes().escape_ascii())),
+            }
+        }
+    }
+    None
+}
+
+/// Opens the file, after checking signature and declared length.
+fn opened(path: &Path) -> Result<(Bytes, Superblock), CaptureError> {
     let io = |source| CaptureError::Io { file: path.into(), action: "read it", source };
     let mut bytes = Bytes::open(path).map_err(io)?;
     let mut head = [0_u8; 1024];
@@ -67,12 +108,7 @@ pub(super) fn group_attributes(
     if declared > bytes.length {
         return Err(CaptureError::Truncated { file: path.into(), declared, found: bytes.length });
     }
-    let library = |source: LibraryError| CaptureError::Library {
-        file: path.into(),
-        object: format!("the attributes of /{group}"),
-        source,
-    };
-    hdf5::guarded(|| attributes_of(&mut bytes, &superblock, group)).map_err(library)
+    Ok((bytes, superblock))
 }
 
 /// The file as the format's decoders want it: offsets from the superblock on.

@@ -5,6 +5,9 @@ use crate::units::Hz;
 /// How far a scaled segment start may lie from an integer and still count as one, samples.
 const WHOLE_SAMPLE: f64 = 1e-6;
 
+/// Part of a segment by which a clock may be off before two segments overlap.
+const OVERLAP_SLACK: f64 = 1e-3;
+
 /// The segments of a capture, in samples of its fastest channel; at least one.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segments {
@@ -101,6 +104,27 @@ impl Segments {
         Ok((segments, note))
     }
 
+    /// What is said of segments that begin before the one before them ends; `None`: none does.
+    pub(super) fn overlap(&self) -> Option<String> {
+        let ends = self.starts.windows(2).zip(self.times_s.windows(2)).map(|(starts, times)| {
+            let duration_s = (starts[1] - starts[0]) as f64 / self.reference_rate.0;
+            let slack_s = OVERLAP_SLACK * duration_s + 2.0 / self.reference_rate.0;
+            let is_overlap = times[0] + duration_s > times[1] + slack_s;
+            (is_overlap, times[0] + duration_s)
+        });
+        let mut over = ends.enumerate().filter(|(_, (is_overlap, _))| *is_overlap);
+        let (at, (_, end_s)) = over.next()?;
+        let more = match over.count() {
+            0 => String::new(),
+            n => format!(" (so do {n} more)"),
+        };
+        Some(format!(
+            "/segments: segment {at} lasts to {end_s} s, the next begins at {} s: they overlap in time{more}; each is judged for \
+             itself, what is told of times is not right",
+            self.times_s[at + 1]
+        ))
+    }
+
     pub(super) fn len(&self) -> usize {
         self.starts.len()
     }
@@ -175,6 +199,22 @@ mod tests {
         assert_eq!((slow.start, slow.end), (256, 513));
         assert_eq!(segments.span(2, Hz(2_560.0)).unwrap().end, u64::MAX);
         assert_eq!(segments.span(3, Hz(2_560.0)), None);
+    }
+
+    #[test]
+    fn segments_that_overlap_in_time_are_told() {
+        let overlap = |times: &[f64]| {
+            Segments::new(&[0, 2000, 4000], times.to_vec(), Hz(1000.0), 6000).unwrap().overlap()
+        };
+        for fine in [[0.0, 2.0, 4.0], [0.0, 1.9995, 9.0]] {
+            assert_eq!(overlap(&fine), None, "{fine:?}");
+        }
+        let told = overlap(&[0.0, 1.0, 3.0]).unwrap();
+        assert!(
+            told.contains("segment 0 lasts to 2 s, the next begins at 1 s: they overlap"),
+            "{told}"
+        );
+        assert!(overlap(&[0.0, 1.0, 2.0]).unwrap().contains("(so do 1 more)"));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::units::{Hz, SourceUnit, Unit};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 
-fn channel(name: &str, rate_hz: f64, storage: ChannelStorage) -> ChannelHeader {
+pub(super) fn channel(name: &str, rate_hz: f64, storage: ChannelStorage) -> ChannelHeader {
     ChannelHeader {
         name: name.into(),
         sample_rate: Hz(rate_hz),
@@ -34,14 +34,14 @@ fn read_all(path: &Path) -> (CaptureReader, Vec<Block>, ReadReport) {
 }
 
 /// A file in a folder that vanishes with the value.
-fn scratch() -> (tempfile::TempDir, PathBuf) {
+pub(super) fn scratch() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.h5");
     (folder, path)
 }
 
 /// Writes a file with bare library calls, for what [`CaptureWriter`] refuses to make.
-fn crafted(build: impl FnOnce(&NewFile)) -> (tempfile::TempDir, PathBuf) {
+pub(super) fn crafted(build: impl FnOnce(&NewFile)) -> (tempfile::TempDir, PathBuf) {
     let (folder, path) = scratch();
     let file = NewFile::create(&path).unwrap();
     build(&file);
@@ -256,7 +256,10 @@ fn files_that_are_no_captures_say_what_they_are() {
 }
 
 /// A file with one float32 channel `x`, and what `more` adds to it.
-fn one_channel(rate: Option<f64>, more: impl FnOnce(&NewFile)) -> (tempfile::TempDir, PathBuf) {
+pub(super) fn one_channel(
+    rate: Option<f64>,
+    more: impl FnOnce(&NewFile),
+) -> (tempfile::TempDir, PathBuf) {
     crafted(|file| {
         let group = file.group("channels").unwrap();
         let dataset = group.dataset("x", &[0.5_f32; 100], NewStorage::default()).unwrap();
@@ -417,7 +420,7 @@ fn checksums_that_do_not_fit_are_named() {
     contains(missing(Some("x")), "no attribute block_samples");
 }
 
-fn machine_with(sensors: Vec<Sensor>) -> Machine {
+pub(super) fn machine_with(sensors: Vec<Sensor>) -> Machine {
     Machine {
         id: "rig-1".into(),
         name: "rig".into(),
@@ -435,7 +438,7 @@ fn machine_with(sensors: Vec<Sensor>) -> Machine {
     }
 }
 
-fn sensor(channel: &str, unit: &str) -> Sensor {
+pub(super) fn sensor(channel: &str, unit: &str) -> Sensor {
     Sensor {
         channel: channel.into(),
         kind: SensorKind::Accelerometer,

@@ -15,7 +15,7 @@ use crate::capture::checks::{Checks, Chunks};
 use crate::capture::convert::Conversion;
 use crate::capture::error::CaptureError;
 use crate::capture::hdf5::{Attribute, Dataset, File};
-use crate::capture::hints::Hints;
+use crate::capture::hints::{Hints, Overruled};
 use crate::capture::info::{CaptureInfo, CaptureKind, ChannelDescription};
 use crate::capture::layout::{CHANNELS_MAX, RATE_RANGE_HZ, absent_channels, duration_s};
 use crate::capture::map::{ChannelMap, MapEntry, NumberAt, TextAt};
@@ -48,12 +48,14 @@ pub(in crate::capture) fn open(
         hints,
         axes: BTreeMap::new(),
         notes: facts.notes.clone(),
+        overruled: Overruled::default(),
         chunks: Chunks::default(),
     };
     let planned = mapped.plan(map)?;
     let segments = mapped.segments(&planned)?;
     let (described, sources) = mapped.tables(planned)?;
     let absent_channels = absent_channels(machine, &described);
+    mapped.notes.extend(mapped.overruled.notes(described.len()));
     let Facts { start_time, machine: machine_text, shaft_speed, others, .. } = facts;
     let counted = || mapped.axes.values().find_map(|axis| axis.start_ns).map(Timestamp);
     let start_time = start_time.or_else(counted);
@@ -119,6 +121,8 @@ struct Mapped<'a> {
     /// Vectors of times read, by path and length.
     axes: BTreeMap<(String, u64), TimeAxis>,
     notes: Vec<String>,
+    /// What the file says otherwise than the caller.
+    overruled: Overruled,
     chunks: Chunks,
 }
 
@@ -212,7 +216,10 @@ impl Mapped<'_> {
             .attribute("sample_rate_hz")
             .map_err(|e| self.places.checks.library(object, e))?
         {
-            Some(Attribute::Number(rate)) => return Ok((Hz(rate), None)),
+            Some(Attribute::Number(rate)) => {
+                self.overruled.rate(self.hints, object, Hz(rate));
+                return Ok((Hz(rate), None));
+            }
             Some(other) => self.notes.push(format!(
                 "/{object}: attribute sample_rate_hz is {}, not a number: not used",
                 other.describe()
@@ -409,7 +416,10 @@ impl Mapped<'_> {
             let found = found.map_err(|e| self.places.checks.library(object, e))?;
             let Some(Attribute::Text(text)) = found else { continue };
             match known(&text) {
-                Some(unit) => return Ok(Some(unit)),
+                Some(unit) => {
+                    self.overruled.unit(self.hints, object, &unit);
+                    return Ok(Some(unit));
+                }
                 None if text.trim().is_empty() => {}
                 None => self.notes.push(format!(
                     "/{object}: attribute {name} is {}, none of {}: not used",

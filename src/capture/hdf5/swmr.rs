@@ -169,3 +169,12 @@ impl RecordingFile {
         guarded(|| self.inner.close())
     }
 }
+
+#[cfg(test)]
+impl super::NewFile {
+    /// As the libraries of 1.6 wrote it: symbol tables, no checksums.
+    pub(in crate::capture) fn create_as_of_1_6(path: &Path) -> Self {
+        let options = ::hdf5::H5File::options().libver(::hdf5::LibverBound::Earliest);
+        Self { inner: options.create(path).unwrap() }
+    }
+}

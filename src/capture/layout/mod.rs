@@ -1,6 +1,8 @@
 //! Opening: attributes and data sets of a file, checked against the layout and the limits.
 
 mod header;
+#[cfg(test)]
+mod tests;
 
 use super::channel_unit;
 use super::checks::{Checks, Chunks};
@@ -9,7 +11,7 @@ use super::convert::Conversion;
 use super::dataset::{self, DatasetRows};
 use super::error::CaptureError;
 use super::hdf5::{Attribute, Dataset, Entry, File};
-use super::hints::Hints;
+use super::hints::{Hints, Overruled};
 use super::info::{CaptureInfo, CaptureKind, ChannelDescription};
 use super::open::Opened;
 use super::received::NumberType;
@@ -54,17 +56,20 @@ pub(super) fn open(
 ) -> Result<Opened, CaptureError> {
     let path = checks.path;
     let attributes = root::attributes(path)?;
-    let layout = Layout { checks, file, machine, hints };
+    let is_recording = attributes.contains_key(RECORDING);
+    let layout = Layout { checks, file, machine, hints, is_recording };
     if !attributes.contains_key("format") || !is_ours(checks, file, &attributes)? {
         layout.entries()?; // A foreign file is told so, not what its attributes should be.
     }
     let header = layout.header(&attributes)?;
-    let (described, sources, ignored) = layout.channels()?;
-    let is_recording = attributes.contains_key(RECORDING);
-    let (segments, listed, note) = layout.segments(&sources, is_recording)?;
+    let Channels { described, sources, ignored, passed_over } = layout.channels()?;
+    let (segments, listed, note) = layout.segments(&sources)?;
     let left_open = repair::is_flagged(path).then(|| repair::LEFT_OPEN.to_owned());
     let absent_channels = absent_channels(machine, &described);
-    let rates = layout.rates_not_used(&described);
+    let hints = layout.hints_not_used(&described);
+    let of_segments = note.into_iter().chain(segments.overlap());
+    let of_channels = hints.into_iter().chain(passed_over);
+    let notes = left_open.into_iter().chain(of_segments).chain(of_channels).chain(notes);
     let mut info = CaptureInfo {
         file: path.into(),
         file_bytes: checks.file_bytes,
@@ -81,7 +86,7 @@ pub(super) fn open(
         ignored,
         absent_channels,
         kind: CaptureKind::Hdf5,
-        notes: left_open.into_iter().chain(note).chain(rates).chain(notes).collect(),
+        notes: notes.collect(),
         options: None,
     };
     let stated = header.checksum;
@@ -158,6 +163,19 @@ struct Layout<'a> {
     file: &'a File,
     machine: Option<&'a Machine>,
     hints: &'a Hints,
+    /// Whether a recorder made it: then every data set is a channel.
+    is_recording: bool,
+}
+
+/// What is under `/channels`.
+#[derive(Default)]
+struct Channels {
+    described: Vec<ChannelDescription>,
+    sources: Vec<Source>,
+    /// Names that are no data sets.
+    ignored: Vec<String>,
+    /// What is said of data sets that are no channels.
+    passed_over: Vec<String>,
 }
 
 /// Root attributes by name.
@@ -176,46 +194,71 @@ impl Layout<'_> {
         Err(CaptureError::ForeignLayout { file: self.checks.path.into(), found })
     }
 
-    #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]
-    fn channels(
-        &self,
-    ) -> Result<(Vec<ChannelDescription>, Vec<Source>, Vec<String>), CaptureError> {
+    fn channels(&self) -> Result<Channels, CaptureError> {
         let entries = self.entries()?;
         if entries.len() > CHANNELS_MAX {
             let what = "/channels: number of channels".into();
             let remedy = "split the capture";
             return Err(self.checks.limit(what, entries.len() as u64, CHANNELS_MAX as u64, remedy));
         }
-        let (mut described, mut sources, mut ignored) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut found, mut first_wrong) = (Channels::default(), None);
         let mut chunks = Chunks::default();
         for (name, entry) in entries {
-            match entry {
+            let wrong = |found: &str, expected| {
+                Err(self.checks.dataset_error(&path_of(&name), found, expected))
+            };
+            let channel = match entry {
                 Entry::Dataset => {
-                    let (channel, source) =
-                        self.channel(&name, ChannelIndex(sources.len()), &mut chunks)?;
-                    described.push(channel);
-                    sources.push(source);
+                    self.channel(&name, ChannelIndex(found.sources.len()), &mut chunks)
                 }
-                Entry::Other => ignored.push(name),
-                Entry::Outside => {
-                    return Err(self.checks.dataset_error(
-                        &path_of(&name),
-                        "a link out of this file",
-                        "data in this file",
-                    ));
+                Entry::Other => {
+                    found.ignored.push(name);
+                    continue;
                 }
-                Entry::Unreadable(reason) => {
-                    let expected = "a data set this program can read";
-                    return Err(self.checks.dataset_error(&path_of(&name), &reason, expected));
+                Entry::Outside => wrong("a link out of this file", "data in this file"),
+                Entry::Unreadable(why) => wrong(&why, "a data set this program can read"),
+            };
+            match channel {
+                Ok((channel, source)) => {
+                    found.described.push(channel);
+                    found.sources.push(source);
                 }
+                Err(error) if self.is_foreign(&name, &error) => {
+                    found.passed_over.push(self.passed_over(&error));
+                    first_wrong.get_or_insert(error);
+                }
+                Err(error) => return Err(error),
             }
         }
         let empty = |found| CaptureError::Empty { file: self.checks.path.into(), found };
-        match described.iter().map(|channel| channel.n_samples).max() {
-            None => Err(empty("no data set under /channels")),
+        match found.described.iter().map(|channel| channel.n_samples).max() {
+            None => Err(first_wrong.unwrap_or_else(|| empty("no data set under /channels"))),
             Some(0) => Err(empty("every channel has 0 samples")),
-            Some(_) => Ok((described, sources, ignored)),
+            Some(_) => Ok(found),
         }
+    }
+
+    /// Whether what is wrong with a data set is of no concern: no sensor of the machine names it; without a machine, it
+    /// is a text or table that does not say of itself to be a channel.
+    fn is_foreign(&self, name: &str, error: &CaptureError) -> bool {
+        // A limit is one of the whole capture.
+        if self.is_recording || matches!(error, CaptureError::Limit { .. }) {
+            return false;
+        }
+        let Some(machine) = self.machine else {
+            let Ok(dataset) = self.file.dataset(&path_of(name)) else { return false };
+            let is_other =
+                dataset.shape().len() != 1 || matches!(dataset.number_type(), Ok(Err(_)));
+            return is_other && matches!(dataset.attribute(RATE), Ok(None));
+        };
+        !machine.sensors.iter().any(|sensor| sensor.channel == name)
+    }
+
+    /// What is said of a data set that is not read.
+    fn passed_over(&self, error: &CaptureError) -> String {
+        let text = error.to_string();
+        let file = format!("{}: ", self.checks.path.display());
+        format!("{}: not a channel, ignored", text.strip_prefix(&file).unwrap_or(&text))
     }
 
     fn channel(
@@ -297,19 +340,33 @@ impl Layout<'_> {
         }
     }
 
-    /// What is said of rates in the file that are none, where the caller's stands for them.
-    fn rates_not_used(&self, channels: &[ChannelDescription]) -> Vec<String> {
-        let Some(rate) = self.hints.rate else { return Vec::new() };
-        let told = |channel: &ChannelDescription| {
+    /// What is said of rates in the file that are none, where the caller's stands for them, and of hints that the
+    /// file contradicts.
+    fn hints_not_used(&self, channels: &[ChannelDescription]) -> Vec<String> {
+        let (mut told, mut overruled) = (Vec::new(), Overruled::default());
+        for channel in channels {
             let path = path_of(&channel.info.name);
-            let found = self.file.dataset(&path).ok()?.attribute(RATE).ok()??;
-            let is_used = matches!(found, Attribute::Number(rate) if is_rate(rate));
-            let (found, rate) = (found.describe(), rate.0);
-            (!is_used).then(|| {
-                format!("{path}: attribute {RATE} is {found}: not used, {rate} Hz of --rate are")
-            })
-        };
-        channels.iter().filter_map(told).collect()
+            // Without the file's word it is that of the hint.
+            if let Some(unit) = &channel.unit_text {
+                overruled.unit(self.hints, &path, unit);
+            }
+            let Some(rate) = self.hints.rate else { continue };
+            let found = self.file.dataset(&path).and_then(|dataset| dataset.attribute(RATE));
+            match found.ok().flatten() {
+                Some(Attribute::Number(rate)) if is_rate(rate) => {
+                    overruled.rate(self.hints, &path, Hz(rate));
+                }
+                Some(found) => {
+                    let (found, rate) = (found.describe(), rate.0);
+                    told.push(format!(
+                        "{path}: attribute {RATE} is {found}: not used, {rate} Hz of --rate are"
+                    ));
+                }
+                None => {}
+            }
+        }
+        told.extend(overruled.notes(channels.len()));
+        told
     }
 
     /// Attributes `scale` and `offset`.
@@ -345,7 +402,6 @@ impl Layout<'_> {
     fn segments(
         &self,
         sources: &[Source],
-        is_recording: bool,
     ) -> Result<(Segments, bool, Option<String>), CaptureError> {
         let rate = sources.iter().map(|source| source.rate).fold(Hz(0.0), fastest);
         let longest = sources.iter().filter(|s| s.rate == rate).map(|s| s.length).max();
@@ -369,7 +425,7 @@ impl Layout<'_> {
         let (times, count) = self.segment_list("segments/time_s", 4)?;
         let times_s = times.floats(count).map_err(library)?;
         let longest = longest.unwrap_or(0);
-        let segments = if is_recording {
+        let segments = if self.is_recording {
             Segments::of_recording(&starts, times_s, rate, longest)
         } else {
             Segments::new(&starts, times_s, rate, longest).map(|segments| (segments, None))
