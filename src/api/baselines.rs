@@ -23,6 +23,7 @@ use crate::store::{Act, BaselineStore, Held, KeepError, active_records};
 use axum::Json;
 use axum::http::StatusCode;
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use utoipa::IntoParams;
 
@@ -236,6 +237,11 @@ fn source(body: &LearnBody, start: Option<Timestamp>) -> Result<Source, ApiError
             invalid("from must be before to".to_owned())
         }
         (None, None, Some(names)) if body.from.is_none() && body.to.is_none() => {
+            let mut seen = BTreeSet::new();
+            if let Some(twice) = names.iter().find(|name| !seen.insert(*name)) {
+                let twice: String = twice.chars().take(100).collect();
+                return invalid(format!("captures name {twice:?} twice: one record is one baseline"));
+            }
             if (1..=MAX_CAPTURES).contains(&names.len()) {
                 return Ok(Source::Captures(names.clone()));
             }

@@ -237,7 +237,13 @@ fn learn(arguments: &LearnArguments) -> Result<String, BaselineError> {
     let progress = Progress::new(true);
     let mut records: Vec<Record> = Vec::new();
     let mut warnings = String::new();
-    for file in &arguments.captures {
+    let (captures, again) = input::distinct(&arguments.captures);
+    for (file, earlier) in again {
+        let (file, earlier) = (file.display(), earlier.display());
+        warnings
+            .push_str(&format!("warning: {file}: the same record as {earlier}, learned once\n"));
+    }
+    for file in captures {
         let learned = progress.of(file, |told| offline::learn_and_judge(file, &reference, told));
         let (record, accused) = learned.map_err(|source| match input::not_a_capture(file) {
             Some(other) => BaselineError::Input(other),

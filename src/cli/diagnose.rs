@@ -22,6 +22,7 @@ use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::rate::FalseAlarms;
+use crate::diagnosis::verdict::BaselineUse;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evidence;
 use crate::evidence::EvidenceError;
@@ -217,7 +218,9 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
             ..FalseAlarms::default()
         },
     };
-    reference.baseline = learn(&arguments.baseline, &reference, &progress)?;
+    let (baselines, repeated) = input::distinct(&arguments.baseline);
+    let held = Held { repeated: repeated.into_iter().map(same_record).collect(), baselines };
+    reference.baseline = learn(&held.baselines, &reference, &progress)?;
     let mut output = Output::open(arguments.out.as_deref(), &spared)?;
     let writer = Writer::new(arguments, &output);
     let mut tally = Tally::default();
@@ -244,7 +247,8 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
         };
         let found = progress.of(file, |told| offline::diagnose(file, &reference, told));
         match found {
-            Ok(diagnosis) => {
+            Ok(mut diagnosis) => {
+                held.tell(file, &mut diagnosis);
                 let text = writer.text(&diagnosis, file, &reference, tally.n_diagnosed == 0)?;
                 output.write(&text)?;
                 tally.n_diagnosed += 1;
@@ -305,8 +309,36 @@ fn is_hdf5(file: &Path) -> bool {
     matches!(content, Ok(Content::Hdf5))
 }
 
+/// What was given to hold captures against.
+struct Held<'a> {
+    /// Each once.
+    baselines: Vec<&'a PathBuf>,
+    /// What one of them is already.
+    repeated: Vec<BaselineUse>,
+}
+
+impl Held<'_> {
+    /// Lists what was given twice, and warns of a capture that is held against itself.
+    fn tell(&self, file: &Path, diagnosis: &mut Diagnosis) {
+        diagnosis.baselines.extend(self.repeated.iter().cloned());
+        if self.baselines.iter().any(|baseline| input::is_same(baseline, file)) {
+            let warning = format!(
+                "{} is its own baseline: held against itself nothing has changed; give records of good health other than it",
+                file.display()
+            );
+            diagnosis.warnings.push(warning);
+        }
+    }
+}
+
+/// A baseline that is an earlier one by another name.
+fn same_record((file, earlier): (&PathBuf, &PathBuf)) -> BaselineUse {
+    let reason = format!("the same record as {}", earlier.display());
+    BaselineUse { name: file.display().to_string(), used: false, reason, id: None, n_windows: 0 }
+}
+
 fn learn(
-    files: &[PathBuf],
+    files: &[&PathBuf],
     reference: &Reference,
     progress: &Progress,
 ) -> Result<Baseline, DiagnoseError> {
@@ -315,7 +347,7 @@ fn learn(
         let learned = progress.of(file, |told| offline::learn(file, reference, told));
         records.push(learned.map_err(|source| match input::not_a_capture(file) {
             Some(other) => DiagnoseError::Input(other),
-            None => DiagnoseError::Baseline { file: file.clone(), source: Box::new(source) },
+            None => DiagnoseError::Baseline { file: (*file).clone(), source: Box::new(source) },
         })?);
     }
     Ok(Baseline { records, provisional: false })

@@ -143,6 +143,29 @@ fn a_baseline_is_used_and_listed() {
 }
 
 #[test]
+fn a_record_is_one_baseline_however_often_it_is_named_and_never_unseen_its_own() {
+    let dir = folder();
+    std::os::unix::fs::symlink(dir.path().join("healthy.h5"), dir.path().join("link.h5")).unwrap();
+    let baselines = ["healthy.h5", "./healthy.h5", "link.h5", "healthy.h5"];
+    let mut arguments = vec!["--format", "json", "--machine", "machine.toml"];
+    arguments.extend(baselines.iter().flat_map(|file| ["--baseline", file]));
+    let ended = diagnose(&dir, &[&arguments[..], &["inner.h5", "link.h5"]].concat());
+    assert_eq!(code(&ended), 0, "{}", ended.stderr);
+    let [other, own] = &documents(&ended)[..] else { panic!("{}", ended.stdout) };
+    let listed = other["baselines"].as_array().unwrap();
+    assert_eq!(listed.len(), 4, "{other}");
+    assert!(!other["notes"].to_string().contains("baseline of 4 records"), "{other}");
+    for again in &listed[1..] {
+        assert_eq!(
+            (&again["used"], &again["reason"]),
+            (&false.into(), &"the same record as healthy.h5".into())
+        );
+    }
+    assert!(!other["warnings"].to_string().contains("its own baseline"), "{other}");
+    assert!(own["warnings"].to_string().contains("link.h5 is its own baseline"), "{own}");
+}
+
+#[test]
 fn out_is_written_whole_and_stdout_stays_empty() {
     let dir = folder();
     let arguments =

@@ -124,6 +124,7 @@ async fn what_cannot_be_learned_is_refused_with_the_reason() {
         (json!({ "author": "a", "windows": -1 }), 400, "windows"),
         (json!({ "author": "a", "windows": 5, "color": 1 }), 400, "color"),
         (json!({ "author": "a", "captures": [] }), 400, "1 to 20"),
+        (json!({ "author": "a", "captures": ["a.h5", "a.h5"] }), 400, "twice"),
         (json!({ "author": "a", "captures": ["../x.h5"] }), 400, "no recording"),
         (json!({ "author": "a", "from": "noon", "to": "x" }), 400, "from is \"noon\""),
         (

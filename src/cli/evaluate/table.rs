@@ -143,14 +143,18 @@ impl Task {
         progress: &Progress,
     ) -> Result<Baseline, String> {
         let mut records = Vec::new();
-        for name in &row.baseline {
+        let files: Vec<PathBuf> = row.baseline.iter().map(|name| self.folder.join(name)).collect();
+        let (once, _) = input::distinct(&files);
+        for (name, file) in row.baseline.iter().zip(&files) {
+            if !once.iter().any(|kept| std::ptr::eq(*kept, file)) {
+                continue; // An earlier one is the same record.
+            }
             let learn = || {
-                let file = self.folder.join(name);
                 let machine = Some(Arc::clone(machine));
                 let reference = Reference { machine, ..Reference::default() };
-                let learned = progress.of(&file, |told| offline::learn(&file, &reference, told));
+                let learned = progress.of(file, |told| offline::learn(file, &reference, told));
                 learned.map_err(|error| {
-                    format!("the baseline {name} cannot be used: {}", why(&file, &error))
+                    format!("the baseline {name} cannot be used: {}", why(file, &error))
                 })
             };
             let key = (row.dataset.clone(), name.clone());
