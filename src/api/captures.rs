@@ -87,6 +87,12 @@ pub(super) async fn list(
     let wanted = CaptureQuery { machines, alarm, after, limit: limit + 1 };
     let mut found = on_index(&state, move |index| index.list(&wanted)).await?;
     let next = cut_page(&mut found, limit, |item| item.id.clone());
+    let root = desk(&state)?.root.clone();
+    let found = files::beside(move || {
+        found.iter_mut().for_each(|entry| look_for_file(&root, entry));
+        found
+    });
+    let found = found.await?;
     Ok(Json(CaptureListWire { items: found.iter().map(CaptureWire::new).collect(), next }))
 }
 
@@ -114,6 +120,17 @@ pub(super) async fn download(
     files::attachment(file, &name, request).await.ok_or_else(|| gone(&entry))
 }
 
+/// Says of a capture that there should be that its file is not there, as who asks for it is told.
+fn look_for_file(root: &std::path::Path, entry: &mut CaptureEntry) {
+    let is_ended = entry.state.has_file() && entry.state != CaptureState::Writing;
+    let name = format!("{}.h5", entry.id);
+    if is_ended && recording(root, &entry.machine, &name).is_none() {
+        entry.state = CaptureState::Removed;
+        entry.bytes = 0;
+        entry.note = Some("its file is not there: somebody took it away".to_owned());
+    }
+}
+
 fn gone(entry: &CaptureEntry) -> ApiError {
     let note = entry.note.clone().unwrap_or_else(|| "its file is not there".to_owned());
     ApiError::NotFound(format!("capture {} is {}: {note}", entry.id, entry.state.name()))
@@ -137,7 +154,11 @@ async fn whole(state: &ApiState, id: String) -> Result<(CaptureEntry, PathBuf), 
     }
     let name = format!("{}.h5", entry.id);
     let file = recording(&root, &entry.machine, &name).filter(|_| entry.state.has_file());
-    let file = file.ok_or_else(|| gone(&entry))?;
+    let Some(file) = file else {
+        let mut entry = entry;
+        look_for_file(&root, &mut entry);
+        return Err(gone(&entry));
+    };
     Ok((entry, file))
 }
 

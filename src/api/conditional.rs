@@ -46,7 +46,9 @@ fn is_tagged(path: &str) -> bool {
 
 /// Tags an answer, or says that the client holds it.
 pub(super) async fn conditional(request: Request, next: Next) -> Response {
-    if request.method() != Method::GET || !is_tagged(request.uri().path()) {
+    // The head of an answer is that of the whole.
+    let is_read = [Method::GET, Method::HEAD].contains(request.method());
+    if !is_read || !is_tagged(request.uri().path()) {
         return next.run(request).await;
     }
     let held = request.headers().get(header::IF_NONE_MATCH).cloned();

@@ -70,7 +70,9 @@ pub(super) async fn follow(
     if let Some(machine) = &query.machine {
         state.machine(machine)?;
     }
-    let live = Live::of(&state, query.machine.as_deref(), query.features.as_deref())?;
+    let comes_again = query.last_event_id.is_some() || headers.contains_key("last-event-id");
+    let features = (query.machine.as_deref(), query.features.as_deref());
+    let live = Live::of(&state, features, comes_again)?;
     let Some(events) = state.events.clone() else {
         return Err(ApiError::NotFound("this service has no store of events".to_owned()));
     };

@@ -7,6 +7,7 @@ use super::state::ApiState;
 use super::view::MachineView;
 use super::wire::events::{ChannelFeaturesWire, WindowFeaturesWire};
 use super::wire::{finite, rfc3339};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -24,14 +25,15 @@ pub(super) struct Live {
 }
 
 impl Live {
-    /// The features asked for, from the newest window on; `None`: none are.
+    /// The features asked for, from the newest window on; `None`: none are. A reader that comes again may name what is
+    /// not measured for the time being.
     ///
     /// # Errors
-    /// When the machine is not named, or is not there, or no names or too many are given.
+    /// When the machine is not named, or is not there, no names or too many are given, or one of nothing that is measured.
     pub(super) fn of(
         state: &ApiState,
-        machine: Option<&str>,
-        features: Option<&str>,
+        (machine, features): (Option<&str>, Option<&str>),
+        comes_again: bool,
     ) -> Result<Option<Self>, ApiError> {
         let Some(features) = features else { return Ok(None) };
         let Some(machine) = machine else {
@@ -46,6 +48,9 @@ impl Live {
         }
         let names = (names != ["all"]).then_some(names);
         let view = state.machine(machine)?.view.clone();
+        if !comes_again {
+            check_measured(&view.borrow(), names.as_deref().unwrap_or_default())?;
+        }
         Ok(Some(Self { machine: machine.to_owned(), names, view, told: None }))
     }
 
@@ -88,13 +93,30 @@ impl Live {
     }
 }
 
+/// Refuses a name of nothing that the newest window has, if there is one.
+fn check_measured(view: &MachineView, names: &[String]) -> Result<(), ApiError> {
+    let measured = view.features.iter().flat_map(|of| &of.values);
+    let known: BTreeSet<&str> = measured.map(|one| &*one.name).collect();
+    match names.iter().find(|name| !known.contains(name.as_str())) {
+        Some(unknown) if !known.is_empty() => {
+            let (unknown, known): (String, Vec<_>) =
+                (unknown.chars().take(100).collect(), known.into_iter().collect());
+            Err(ApiError::Invalid(format!(
+                "no feature {unknown:?} is measured in the newest window, allowed are `all` and {}",
+                known.join(", ")
+            )))
+        }
+        Some(_) | None => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::api::support::Service;
 
     fn live(service: &Service, features: &str) -> Live {
-        Live::of(&service.state, Some("rig-1"), Some(features)).unwrap().unwrap()
+        Live::of(&service.state, (Some("rig-1"), Some(features)), true).unwrap().unwrap()
     }
 
     #[tokio::test]
@@ -135,13 +157,23 @@ mod tests {
     #[tokio::test]
     async fn features_are_of_one_machine_that_is_there_and_have_names() {
         let service = Service::new();
-        let of = |machine, features| Live::of(&service.state, machine, Some(features)).err();
+        let of = |machine: Option<&str>, features: &str| {
+            Live::of(&service.state, (machine, Some(features)), false).err()
+        };
         let told = |error: Option<ApiError>| error.unwrap().to_string();
         assert!(told(of(None, "rms")).contains("name it"));
         assert!(told(of(Some("rig-9"), "rms")).contains("no machine"));
         for wrong in ["", ",", "rms,", &"a,".repeat(200)] {
             assert!(told(of(Some("rig-1"), wrong)).contains("allowed is `all`"), "{wrong}");
         }
-        assert!(Live::of(&service.state, None, None).unwrap().is_none());
+        let nope = told(of(Some("rig-1"), "rms,nope"));
+        assert!(nope.contains("\"nope\"") && nope.contains("rms"), "{nope}");
+        assert!(of(Some("rig-1"), "rms,cwt_ratio_1x_main").is_none());
+        assert!(Live::of(&service.state, (None, None), false).unwrap().is_none());
+        let early = |view: &mut Arc<MachineView>| {
+            *view = Arc::new(MachineView { features: Arc::default(), ..(**view).clone() });
+        };
+        service.view.send_modify(early);
+        assert!(of(Some("rig-1"), "nope").is_none(), "no window says what there is");
     }
 }

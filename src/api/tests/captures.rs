@@ -8,6 +8,7 @@ use crate::store::captures::CaptureIndex;
 use crate::store::captures::CaptureState;
 use crate::store::captures::SqliteCaptures;
 use crate::store::sqlite;
+use axum::http::Request;
 use serde_json::json;
 use std::fs;
 use std::path::Path;
@@ -68,6 +69,37 @@ async fn captures_are_listed_linked_and_given() {
     assert_eq!(alarm["capture"], json!({ "id": ID, "state": "complete", "none_because": null }));
     let given = service.get(&format!("/api/v1/captures/{ID}")).await;
     assert_eq!((given.status.as_u16(), &given.body[..]), (200, &b"123456789"[..]));
+    fs::remove_file(folder.path().join(format!("captures/rig-1/{ID}.h5"))).unwrap();
+    let last = &service.get("/api/v1/captures?alarm=rig-1:1").await.json()["items"][0];
+    assert_eq!((&last["state"], &last["bytes"]), (&json!("removed"), &json!(0)), "{last}");
+    let told = service.get(&format!("/api/v1/captures/{ID}")).await.problem(404);
+    let note = last["note"].as_str().unwrap();
+    assert!(note.contains("not there") && told.contains(note), "{note}\n{told}");
+}
+
+#[tokio::test]
+async fn a_part_is_given_and_what_is_no_range_is_not_looked_at() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let service = Service::new().with_captures(handle(folder.path()));
+    for (range, status, body) in [
+        ("bytes=2-4", 206, "345"),
+        ("Bytes=7-", 206, "89"),
+        ("bytes=-2", 206, "89"),
+        ("bytes=20-30", 416, ""),
+        ("foo", 200, "123456789"),
+        ("lines=1-2", 200, "123456789"),
+        ("bytes=9-3", 200, "123456789"),
+        ("bytes=-", 200, "123456789"),
+        ("bytes=+1-2", 200, "123456789"),
+        ("bytes=0-1,3-4", 200, "123456789"),
+    ] {
+        let path = format!("/api/v1/captures/{ID}");
+        let given = service.send(Request::get(path).header("range", range)).await;
+        assert_eq!(given.status.as_u16(), status, "{range}");
+        if status != 416 {
+            assert_eq!(given.body, body.as_bytes(), "{range}");
+        }
+    }
 }
 
 #[tokio::test]

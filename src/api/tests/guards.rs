@@ -157,6 +157,16 @@ async fn what_a_client_holds_is_not_sent_again() {
             assert_eq!((answer.status.as_u16(), answer.header("etag")), (304, tag.as_str()));
             assert!(answer.body.is_empty());
         }
+        for (held, status) in [("\"x\"", 200), (tag.as_str(), 304)] {
+            let head = service.send(Request::head(path).header("if-none-match", held)).await;
+            assert_eq!(
+                (head.status.as_u16(), head.header("etag")),
+                (status, tag.as_str()),
+                "{path}"
+            );
+            assert_eq!(head.header("cache-control"), "private, no-cache");
+            assert!(head.body.is_empty());
+        }
         let other = service.send(Request::get(path).header("if-none-match", "\"x\"")).await;
         assert_eq!((other.status.as_u16(), &other.body), (200, &whole.body));
     }
