@@ -5,6 +5,7 @@
 
 use super::error::ApiError;
 use super::extract::{Body, Path, Query, State};
+use super::files;
 use super::handles::{BaselineHandle, MachineHandle};
 use super::state::{ApiState, newest};
 use super::view::{Measured, ShardRequest, Span};
@@ -267,18 +268,26 @@ fn stream_s(name: &str, text: &str, start: Option<Timestamp>) -> Result<f64, Api
     Ok(seconds)
 }
 
-/// Measures recordings beside the event loop.
+/// Measures recordings beside the event loop, those of one request at a time.
 async fn measure(
     state: &ApiState,
     handle: &MachineHandle,
     names: Vec<String>,
 ) -> Result<Vec<Measured>, ApiError> {
     let (measure, machine) = (Arc::clone(&desk(state)?.measure), handle.machine());
+    let permit = Arc::clone(&state.learning).try_acquire_owned().map_err(|_| {
+        ApiError::Conflict(
+            "a baseline is being learned of other recordings: try again when it is there"
+                .to_owned(),
+        )
+    })?;
     let work = move || {
+        // Held until the work is done, even when the client has gone.
+        let _permit = permit;
         let measured = names.iter().map(|name| measure(&machine, name));
         measured.collect::<Result<_, String>>().map_err(ApiError::Invalid)
     };
-    state.compute(work).await
+    files::beside(work).await?
 }
 
 fn desk(state: &ApiState) -> Result<&BaselineHandle, ApiError> {

@@ -140,7 +140,7 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(captures::request))
         .routes(routes!(recordings::list))
         .routes(routes!(recordings::download))
-        .routes(routes!(baselines::list, baselines::learn))
+        .routes(routes!(baselines::list))
         .routes(routes!(baselines::show, baselines::remove))
         .routes(routes!(baselines::activate))
         .routes(routes!(ingest::connect))
@@ -149,7 +149,7 @@ fn routes() -> OpenApiRouter<Shared> {
 
 /// What takes longer than a request may.
 fn slow_routes() -> OpenApiRouter<Shared> {
-    OpenApiRouter::new().routes(routes!(captures::judge))
+    OpenApiRouter::new().routes(routes!(captures::judge)).routes(routes!(baselines::learn))
 }
 
 /// Longest time of one of them.

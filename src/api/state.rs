@@ -118,6 +118,8 @@ pub struct ApiState {
     pub(super) recent: Recent,
     /// One permit for a capture that is judged again.
     pub(super) rejudging: Arc<Semaphore>,
+    /// One permit for baselines that are learned of recordings.
+    pub(super) learning: Arc<Semaphore>,
 }
 
 impl std::fmt::Debug for ApiState {
@@ -147,6 +149,7 @@ impl ApiState {
             streams: Arc::new(Semaphore::new(settings.max_streams)),
             waiting: Arc::new(Semaphore::new(waiting::MAX_WAITING_KIB)),
             rejudging: Arc::new(Semaphore::new(1)),
+            learning: Arc::new(Semaphore::new(1)),
             recent: Recent::default(),
             door: Arc::new(Door::open()),
             caller: None,

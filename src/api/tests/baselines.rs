@@ -11,6 +11,7 @@ use axum::http::Request;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 use tempfile::TempDir;
 
 const PATH: &str = "/api/v1/machines/rig-1/baselines";
@@ -53,6 +54,40 @@ pub(super) async fn learn(service: &Service, body: &Value) -> Value {
     let answer = service.post(PATH, body.to_string()).await;
     assert_eq!(answer.status.as_u16(), 201, "{}", String::from_utf8_lossy(&answer.body));
     answer.json()
+}
+
+#[tokio::test]
+async fn recordings_may_take_longer_than_a_request_and_are_learned_one_request_at_a_time() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let (begun, begins) = std::sync::mpsc::sync_channel(1);
+    let (go, may_go) = std::sync::mpsc::sync_channel(1);
+    let may_go = std::sync::Mutex::new(may_go);
+    let measure = move |_: &_, _: &str| {
+        begun.send(()).unwrap();
+        may_go.lock().unwrap().recv().unwrap();
+        sample_measured(Span::Last(5))
+    };
+    // Shorter than the work, and nothing may be computed.
+    let service = Service::with(Behaviour::Answers, |settings| {
+        settings.request_timeout = Duration::from_millis(50);
+        settings.max_computations = 0;
+    });
+    let service = service.with_baselines(BaselineHandle {
+        store: Arc::new(SqliteBaselines::open(folder.path()).unwrap()),
+        measure: Arc::new(measure),
+        wall_clock: || Timestamp(0),
+    });
+    let body = json!({ "author": "a", "captures": ["a.h5"] });
+    let meanwhile = async {
+        tokio::task::spawn_blocking(move || begins.recv().unwrap()).await.unwrap();
+        let refused = service.post(PATH, body.to_string()).await.problem(409);
+        assert!(refused.contains("being learned"), "{refused}");
+        assert_eq!(service.get(PATH).await.json()["items"], json!([]));
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        go.send(()).unwrap();
+    };
+    let (learned, ()) = tokio::join!(learn(&service, &body), meanwhile);
+    assert_eq!(learned["records"][0]["n_windows"], 12, "{learned}");
 }
 
 async fn ids(service: &Service) -> Vec<(String, bool)> {
