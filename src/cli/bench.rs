@@ -46,7 +46,7 @@ monitor: the whole pipeline with 1 to 64 channels: throughput, latency, memory; 
 where windows and rates are thinned (minutes); with --channels the
 daemon itself on what a sender streams in real time, 10 kHz each: processor time, latency, memory, and whether the
 ledger is exact.
-With --out the tables are also written there as CSV, JSON and one page (HTML), simulator and signal as a plot (SVG).
+With --out the tables are also written there as CSV, JSON and one page (HTML), of every bench one as a plot (SVG).
 docs/performance.md says what the columns mean.
 
 Exit codes: 0 done; 1 a row of stability does not hold, or a ledger is not exact; 2 a bench could not be run.";
@@ -252,7 +252,8 @@ fn bench_stability(out: Option<&Path>, search: &Search) -> Result<(), Failure> {
         rows = bench::stability::run(search, &mut |row| tell(row))?;
         Ok(rows.iter().map(Row::cells).collect())
     };
-    table(("stability", out), (&Row::COLUMNS, search.json()), run, bare)?;
+    let plots = |rows: &[_]| bench::stability::rows::plot(rows).into_iter().collect();
+    table(("stability", out), (&Row::COLUMNS, search.json()), run, plots)?;
     if let (Some(folder), 1) = (out, search.n_scenes) {
         // One that is to be looked at.
         let drawn = bench::stability::drawn::scene(search.first_seed);

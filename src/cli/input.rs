@@ -69,6 +69,16 @@ pub enum InputError {
         /// What to do; empty or beginning with `: `.
         hint: &'static str,
     },
+    /// A file of this program that is not UTF-8.
+    #[error("{}:{line}: not UTF-8: byte {byte:#04x}, as in Latin-1; save the file as UTF-8", file.display())]
+    NotUtf8 {
+        /// The file.
+        file: PathBuf,
+        /// Number of the line, from 1.
+        line: usize,
+        /// What stands there.
+        byte: u8,
+    },
     /// The machine file has mistakes: one line each, with the file's name.
     #[error(transparent)]
     Mistakes(#[from] MachineFileErrors),
@@ -79,7 +89,8 @@ pub enum InputError {
 /// # Errors
 /// When the file cannot be read.
 pub fn kind(path: &Path) -> Result<FileKind, InputError> {
-    let look = || {
+    let mut foreign = None;
+    let mut look = || {
         let mut file = File::open(path)?;
         match content::of(&mut file)? {
             Content::Hdf5 | Content::Wav => return Ok(FileKind::Capture),
@@ -92,9 +103,28 @@ pub fn kind(path: &Path) -> Result<FileKind, InputError> {
         // One more than is read of a machine file, so that a longer one is told so.
         let limit = file::MAX_TEXT_BYTES + 1;
         file.take(limit as u64).read_to_end(&mut bytes)?;
-        Ok(kind_of_text(&bytes, bytes.len() < limit))
+        let kind = kind_of_text(&bytes, bytes.len() < limit);
+        foreign = foreign_byte(&bytes, &kind);
+        Ok(kind)
     };
-    look().map_err(|source| InputError::Read { file: path.to_owned(), source })
+    let found = look().map_err(|source| InputError::Read { file: path.to_owned(), source })?;
+    match foreign {
+        Some((line, byte)) => Err(InputError::NotUtf8 { file: path.to_owned(), line, byte }),
+        None => Ok(found),
+    }
+}
+
+/// Line and value of the first byte that is not UTF-8 in a file that is one of this program by its headings.
+fn foreign_byte(bytes: &[u8], kind: &FileKind) -> Option<(usize, u8)> {
+    let error = std::str::from_utf8(bytes).err()?;
+    let (before, rest) = bytes.split_at(error.valid_up_to());
+    let text = String::from_utf8_lossy(bytes);
+    let (is_machine, is_configuration) = by_headings(&text);
+    let is_ours = is_machine || is_configuration || is_scene(&text);
+    let is_told = is_ours && *kind != FileKind::Capture;
+    // The end of what is read may cut a character.
+    error.error_len().filter(|_| is_told)?;
+    Some((before.iter().filter(|byte| **byte == b'\n').count() + 1, *rest.first()?))
 }
 
 /// Reads a machine file.
@@ -228,6 +258,21 @@ mod tests {
         assert!(matches!(kind_of(b"[scene]\n[machine]\nfile = 'm'\n"), FileKind::Scene(_)));
         for unknown in [&b""[..], b"\0\0", b"\xff\xfe", b"a,b\nc,d\n", b"[tool]\n"] {
             assert!(matches!(kind_of(unknown), FileKind::Unknown(..)), "{unknown:?}");
+        }
+    }
+
+    #[test]
+    fn a_file_of_this_program_that_is_not_utf_8_is_told_with_its_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("rig.toml");
+        let text = b"[machine]\nid = 'm'\nname = 'Pr\xfcfstand'\n";
+        for begin in [&b""[..], b"[scene]\n", b"[[source]]\n"] {
+            fs::write(&path, [begin, text].concat()).unwrap();
+            let line = if begin.is_empty() { 3 } else { 4 };
+            let told = format!("rig.toml:{line}: not UTF-8: byte 0xfc");
+            for error in [kind(&path).unwrap_err(), machine(&path).unwrap_err()] {
+                assert!(error.to_string().contains(&told), "{error}");
+            }
         }
     }
 

@@ -103,6 +103,8 @@ fn hard_cases_are_a_table() {
         |part: &str| rows.iter().filter(|r| r["case"].as_str().unwrap().contains(part)).count();
     assert!(of("at random") >= 2 && of("ends of ranges") >= 2 && of("and back") >= 3, "{rows:?}");
     let page = fs::read_to_string(dir.path().join("stability.html")).unwrap();
+    let plot = fs::read_to_string(dir.path().join("stability.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && page.contains(&plot), "{plot}");
     assert!(page.starts_with("<!DOCTYPE html>") && page.contains("<th>reason</th>"), "{page}");
     assert!(!page.contains("http://") || !page.contains("<script"), "nothing from elsewhere");
 }

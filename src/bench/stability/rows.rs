@@ -1,6 +1,9 @@
 //! Rows of the suite's table: what was asked, what is right, what was found, how far apart the two may be and why.
 
 use crate::bench::table::{Cell, Column};
+use crate::plot::Words;
+use crate::plot::log_log::{self, Series};
+use std::collections::BTreeMap;
 
 /// One comparison.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,5 +105,62 @@ impl Row {
             Cell::Plain(self.margin(), 1),
             Cell::Flag(self.holds()),
         ]
+    }
+}
+
+/// The part of what is allowed that rows use up, of each metric in the order of their size; rows that are exact have no
+/// place on the axis.
+#[must_use]
+pub fn plot(rows: &[Vec<Cell>]) -> Option<String> {
+    let mut parts: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for row in rows {
+        let [
+            _,
+            _,
+            Cell::Text(metric),
+            _,
+            _,
+            Cell::Number(tolerance, _),
+            _,
+            Cell::Number(measured, _),
+            ..,
+        ] = &row[..]
+        else {
+            continue;
+        };
+        let part = measured / tolerance;
+        if part > 0.0 && part.is_finite() {
+            parts.entry(metric).or_default().push(part);
+        }
+    }
+    let longest = parts.values().map(Vec::len).max()?;
+    let allowed = vec![(1.0, 1.0), (longest as f64, 1.0)];
+    let mut series = vec![Series { name: "allowed".to_owned(), points: allowed }];
+    for (metric, mut parts) in parts {
+        parts.sort_by(f64::total_cmp);
+        let points = (1_u32..).map(f64::from).zip(parts).collect();
+        series.push(Series { name: metric.to_owned(), points });
+    }
+    let words = Words {
+        title: "Stability: part of what is allowed",
+        x: "rows, by their size",
+        y: "measured ÷ allowed",
+    };
+    log_log::log_log(&words, &series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_drawn_by_the_part_they_use_up() {
+        let rows = [("b", 0.5), ("a", 2.0), ("exact", 0.0)];
+        let rows = rows.map(|(name, found)| Row::below(name, "", found, 1.0).cells());
+        let svg = plot(&rows).unwrap();
+        assert!(svg.contains("allowed") && svg.contains("relative error"), "{svg}");
+        // Two of the limit, two of rows, and one each in the legend.
+        assert_eq!(svg.matches("<circle").count(), 6, "{svg}");
+        assert_eq!(plot(&rows[2..]), None);
     }
 }
