@@ -124,13 +124,13 @@ impl Watched {
             let n_halves = filter.halves().count();
             for (half, (rate, residue)) in filter.halves().enumerate() {
                 let pole = number * n_halves + half;
-                let of_shaft = |(phasor, speed): &(Complex<f64>, Complex<f64>)| {
-                    [(*phasor, *speed), (phasor.conj(), -*speed)]
-                        .map(|(part, at)| part * (at - rate).inv() * 0.5)
-                };
-                let still = (-seen[0] / rate, turning.iter().map(of_shaft).collect());
-                let motion = (&weights[..], &spectrum.values[..]);
-                let own = Own::new((watch, pole), rate, still, motion, (&at_once, &inputs));
+                let own = Own::new(Followed {
+                    place: (watch, pole),
+                    rate,
+                    still: (-seen[0] / rate, turned(&turning, rate)),
+                    modes: (&weights, &spectrum.values),
+                    inputs: (&at_once, &inputs),
+                });
                 let needed = places.of_pole(pole + 1);
                 row.resize(needed.max(row.len()), Complex::new(0.0, 0.0));
                 for (port, input) in own.inputs.iter().enumerate() {
@@ -206,14 +206,32 @@ impl Watched {
     }
 }
 
+/// What a filter's state follows.
+struct Followed<'a> {
+    /// The watch, and the pole.
+    place: (usize, usize),
+    /// Of the filter.
+    rate: Complex<f64>,
+    still: StillState,
+    /// How the watch sees each mode of the motion, and the modes' eigenvalues.
+    modes: (&'a [Complex<f64>], &'a [Complex<f64>]),
+    /// What the watch sees of each input without any mode, and how each drives the modes.
+    inputs: (&'a [f64], &'a [Vec<Complex<f64>>]),
+}
+
+/// What turning with and against each shaft, a phasor and i·speed each, makes of the state of a filter of this rate.
+fn turned(turning: &[(Complex<f64>, Complex<f64>)], rate: Complex<f64>) -> Vec<[Complex<f64>; 2]> {
+    let of_shaft = |(phasor, speed): &(Complex<f64>, Complex<f64>)| {
+        [(*phasor, *speed), (phasor.conj(), -*speed)]
+            .map(|(part, at)| part * (at - rate).inv() * 0.5)
+    };
+    turning.iter().map(of_shaft).collect()
+}
+
 impl Own {
-    fn new(
-        (watch, pole): (usize, usize),
-        rate: Complex<f64>,
-        still: StillState,
-        (weights, values): (&[Complex<f64>], &[Complex<f64>]),
-        (at_once, inputs): (&[f64], &[Vec<Complex<f64>>]),
-    ) -> Self {
+    fn new(followed: Followed<'_>) -> Self {
+        let Followed { place: (watch, pole), rate, still, modes, inputs } = followed;
+        let ((weights, values), (at_once, inputs)) = (modes, inputs);
         let pairs = || weights.iter().zip(values);
         let of: Vec<_> = pairs().map(|(c, value)| c * 0.5 / (value - rate)).collect();
         let of_conjugate: Vec<_> =

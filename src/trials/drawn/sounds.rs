@@ -90,6 +90,25 @@ pub struct Sounds {
     names: Vec<String>,
 }
 
+/// What strikes, and how.
+struct Struck {
+    name: &'static str,
+    /// Of the places and of the strengths (as [`Strikes`] has them).
+    jitter: f64,
+    scatter: f64,
+    /// Mean and deviation of the logarithm of how loud.
+    loudness: (f64, f64),
+}
+
+const BELT: Struck = Struck { name: "belt", jitter: 0.003, scatter: 0.2, loudness: (-0.7, 0.5) };
+const KNOCK: Struck = Struck { name: "knock", jitter: 0.0, scatter: 0.3, loudness: (-0.3, 0.5) };
+const AT_RANDOM: Struck =
+    Struck { name: "random strikes", jitter: 20.0, scatter: 0.4, loudness: (-0.3, 0.6) };
+const UNKNOWN: Struck =
+    Struck { name: "unknown", jitter: 0.01, scatter: 0.2, loudness: (-0.7, 0.5) };
+const OTHER_SHAFT: Struck =
+    Struck { name: "other shaft", jitter: 0.001, scatter: 0.2, loudness: (-0.3, 0.5) };
+
 impl Sounds {
     /// Noise alone.
     pub(super) fn silent(plant: &Plant) -> Self {
@@ -184,20 +203,20 @@ impl Sounds {
             Disturbance::Mesh => self.mesh(plant, random),
             Disturbance::Belt => {
                 let order = random.random_range(0.25..0.9);
-                self.strikes("belt", (order, 0.003, 0.2), (-0.7, 0.5), plant, random);
+                self.strikes(&BELT, order, plant, random);
             }
             Disturbance::Knock => {
                 let order = [1.0, 1.0, 0.5, 2.0][random.random_range(0..4_usize)];
-                self.strikes("knock", (order, 0.0, 0.3), (-0.3, 0.5), plant, random);
+                self.strikes(&KNOCK, order, plant, random);
             }
             // Places drawn anew each by many times their distance: a Poisson train.
             Disturbance::RandomStrikes => {
                 let order = log_uniform((0.37, 7.4), random);
-                self.strikes("random strikes", (order, 20.0, 0.4), (-0.3, 0.6), plant, random);
+                self.strikes(&AT_RANDOM, order, plant, random);
             }
             Disturbance::UnknownBearing => {
                 if let Some(order) = unknown_order(plant, random) {
-                    self.strikes("unknown", (order, 0.01, 0.2), (-0.7, 0.5), plant, random);
+                    self.strikes(&UNKNOWN, order, plant, random);
                 }
             }
             Disturbance::Converter => self.converter(plant, random),
@@ -217,7 +236,7 @@ impl Sounds {
                 let slower = random.random_bool(0.5);
                 let orders = if slower { (0.15, 0.95) } else { (1.05, 4.0) };
                 let order = random.random_range(orders.0..orders.1);
-                self.strikes("other shaft", (order, 0.001, 0.2), (-0.3, 0.5), plant, random);
+                self.strikes(&OTHER_SHAFT, order, plant, random);
             }
             Disturbance::Blades => self.blades(plant, random),
             Disturbance::HumModulation => self.hum_modulation(plant, random),
@@ -230,15 +249,9 @@ impl Sounds {
         }
     }
 
-    /// Strikes at an order, of this jitter and scatter, of a loudness of this mean and deviation.
-    fn strikes(
-        &mut self,
-        name: &str,
-        (order, jitter, scatter): (f64, f64, f64),
-        (mean, deviation): (f64, f64),
-        plant: &Plant,
-        random: &mut Pcg64Mcg,
-    ) {
+    /// Strikes at an order.
+    fn strikes(&mut self, of: &Struck, order: f64, plant: &Plant, random: &mut Pcg64Mcg) {
+        let Struck { name, jitter, scatter, loudness: (mean, deviation) } = *of;
         let strikes = Strikes { order, jitter, drift: 0.0, scatter, modulation: (1.0, 0.0) };
         let struck = strikes.make(&plant.turn, plant.turned.len(), self.rate_hz, random);
         self.names.push(format!("{name} {order:.3}"));
