@@ -241,7 +241,9 @@ fn source(body: &LearnBody, start: Option<Timestamp>) -> Result<Source, ApiError
             let mut seen = BTreeSet::new();
             if let Some(twice) = names.iter().find(|name| !seen.insert(*name)) {
                 let twice: String = twice.chars().take(100).collect();
-                return invalid(format!("captures name {twice:?} twice: one record is one baseline"));
+                return invalid(format!(
+                    "captures name {twice:?} twice: one record is one baseline"
+                ));
             }
             if (1..=MAX_CAPTURES).contains(&names.len()) {
                 return Ok(Source::Captures(names.clone()));
