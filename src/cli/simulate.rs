@@ -124,7 +124,7 @@ fn simulate(arguments: &Arguments) -> Result<(), SimulateError> {
         Output::stdout().write(&(explain::explain(&simulation) + &cost))?;
     }
     let Some(out) = &arguments.out else { return Ok(()) };
-    Spared::nothing().and(&inputs(&scene, &arguments.scene)).refuse(out)?;
+    Spared::nothing().and(inputs(&scene, &arguments.scene)).refuse(out)?;
     let progress = Progress::new(true);
     progress.of(out, |tell| write(&mut simulation, (machine, seed), out, tell))?;
     for warning in simulation.warnings() {

@@ -159,7 +159,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn evaluate(arguments: &Arguments) -> Result<Vec<Record>, EvaluateError> {
     let Some(truth) = &arguments.truth else { return evaluate_grid(arguments) };
     let task = table::Task::read(truth, arguments.machines.as_deref())?;
-    let spared = Spared::nothing().and([truth]).and(&task.inputs());
+    let spared = Spared::nothing().and([truth]).and(task.inputs());
     let made = arguments.out.as_deref().map(|out| files::Folder::make(out, spared));
     let mut folder = made.transpose()?;
     let mut records = Vec::new();
