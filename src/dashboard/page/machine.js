@@ -103,9 +103,12 @@ export function openMachine(root, { parts }) {
       if (focused) picture.querySelector(`[data-part="${CSS.escape(focused)}"]`)?.focus();
     });
     whenChanged("list", [diagnosis?.components.map((one) => [one.id, one.kind, one.state, one.fault, one.severity]), component?.id, component?.kind], () => drawList(component));
-    drawHead(machineOf(id));
+    const item = machineOf(id);
+    drawHead(item);
     if (!component) {
-      fill(detail, empty("No window of this machine has been judged yet: a verdict needs some seconds of samples."));
+      fill(detail, empty(["damaged", "warning"].includes(item?.state)
+        ? "What was accused before the last start stands, and the alarms say why; no window of this machine has been judged since."
+        : "No window of this machine has been judged yet: a verdict needs some seconds of samples."));
       return;
     }
     drawDetail(component);
