@@ -136,6 +136,9 @@ impl Capturing {
     /// Ends the captures that have all that they should of every channel that still delivers, or have waited long enough
     /// for those that are behind.
     pub(super) fn end_those_complete(&mut self) {
+        if self.open.is_empty() {
+            return;
+        }
         let newest_s = self.reached_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let open = std::mem::take(&mut self.open);
         for one in open {

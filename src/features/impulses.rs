@@ -71,13 +71,15 @@ pub(super) fn read(
     scratch.resize(N_VALUES, 0.0);
     let part = impulsive::part(e2, spectrum.mean_square, n_bins, scratch);
     let is_deep = |hz: f64, part: f64| bearing::depth_at(spectrum, hz) >= part;
-    let multiples = |shafts: &'_ [Hz]| -> Vec<f64> {
-        shafts.iter().flat_map(|f| (1..=ORDERS).map(|order| f64::from(order) * f.0)).collect()
-    };
-    let is_own = multiples(rates.own_shafts).into_iter().any(|hz| is_deep(hz, part));
+    let is_own = multiples(rates.own_shafts).any(|hz| is_deep(hz, part));
     let is_train = |hz: f64| is_deep(hz, part) && is_deep(2.0 * hz, HALF * part);
-    let is_shafts = is_own || multiples(rates.other_shafts).into_iter().any(is_train);
+    let is_shafts = is_own || multiples(rates.other_shafts).any(is_train);
     Blows { band, part, is_others: is_shafts || is_foreign(spectrum, part, rates.lines) }
+}
+
+/// Multiples of the shafts' speeds at which their events are looked for, Hz.
+fn multiples(shafts: &[Hz]) -> impl Iterator<Item = f64> {
+    shafts.iter().flat_map(|speed| (1..=ORDERS).map(|order| f64::from(order) * speed.0))
 }
 
 /// Whether a line as deep as `part`, with half as much at twice and three times its rate, stands outside the ranges `own`.

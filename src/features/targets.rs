@@ -243,13 +243,13 @@ const MULTIPLES: u32 = 200;
 
 /// Harmonics of `fundamental` below `top`.
 fn harmonics_below(fundamental: Hz, top: Hz) -> impl Iterator<Item = Hz> {
-    multiples_below(fundamental, (1..=MULTIPLES).collect(), top).map(|(_, line)| line)
+    multiples_below(fundamental, 1..=MULTIPLES, top).map(|(_, line)| line)
 }
 
 /// Which of the multiples of `fundamental`, in ascending order, lie below `top`, and where.
 fn multiples_below(
     fundamental: Hz,
-    multiples: Vec<u32>,
+    multiples: impl IntoIterator<Item = u32>,
     top: Hz,
 ) -> impl Iterator<Item = (u32, Hz)> {
     let turns = fundamental.0 > 0.0;

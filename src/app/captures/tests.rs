@@ -89,6 +89,15 @@ impl Capturing {
     }
 }
 
+/// Both channels have come for 20 s, and a capture has begun.
+fn begun() -> (Capturing, mpsc::Receiver<Job>) {
+    let (capturer, inbox) = capturer(QUEUE);
+    let mut capturing = capturing(capturer);
+    (0..20).for_each(|second| [0, 1].into_iter().for_each(|c| capturing.feed(c, second)));
+    capturing.begin(20.0);
+    (capturing, inbox)
+}
+
 /// The notes of the captures that were ended.
 fn ended(inbox: &mpsc::Receiver<Job>) -> Vec<Option<String>> {
     let jobs = inbox.try_iter().filter_map(|job| match job {
@@ -100,10 +109,7 @@ fn ended(inbox: &mpsc::Receiver<Job>) -> Vec<Option<String>> {
 
 #[test]
 fn a_capture_waits_for_the_slowest_channel_that_delivers() {
-    let (capturer, inbox) = capturer(QUEUE);
-    let mut capturing = capturing(capturer);
-    (0..20).for_each(|second| [0, 1].into_iter().for_each(|c| capturing.feed(c, second)));
-    capturing.begin(20.0);
+    let (mut capturing, inbox) = begun();
     (20..40).for_each(|second| capturing.feed(0, second));
     (20..29).for_each(|second| capturing.feed(1, second));
     let of_slow = |job: &Job| matches!(job, Job::GoOn(_, run) if run.channel.0 == 1);
@@ -116,10 +122,7 @@ fn a_capture_waits_for_the_slowest_channel_that_delivers() {
 
 #[test]
 fn a_capture_waits_for_a_channel_only_so_long_and_says_which_is_short() {
-    let (capturer, inbox) = capturer(QUEUE);
-    let mut capturing = capturing(capturer);
-    (0..20).for_each(|second| [0, 1].into_iter().for_each(|c| capturing.feed(c, second)));
-    capturing.begin(20.0);
+    let (mut capturing, inbox) = begun();
     (20..59).for_each(|second| capturing.feed(0, second));
     assert!(ended(&inbox).is_empty());
     capturing.feed(0, 59); // 60 s are reached: 30 s after the end
