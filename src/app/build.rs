@@ -17,6 +17,7 @@ use super::monitored::Monitored;
 use super::monitored::Opened;
 use super::notify::Notifier;
 use super::recording::Recording;
+use super::renewal::InForce;
 use super::shard;
 use super::shard::Heartbeat;
 use super::simulated::Desk;
@@ -57,6 +58,7 @@ use std::fs;
 use std::sync::Arc;
 use std::thread;
 use std::time::UNIX_EPOCH;
+use tokio::sync::watch;
 
 /// Bytes of blocks that may wait for a shard: about 20 s of ten channels at 25.6 kHz.
 pub const QUEUE_BYTES: usize = 16 << 20;
@@ -107,6 +109,8 @@ pub(super) struct Plan {
     pub(super) handles: Vec<MachineHandle>,
     /// The ways to the machines, in the order of the configuration.
     pub(super) links: Vec<Link>,
+    /// By which the sources are told what holds, in the same order.
+    pub(super) in_force: Vec<watch::Sender<InForce>>,
     pub(super) metrics: Arc<Metrics>,
     pub(super) keeper: Keeper,
     pub(super) keeping: KeeperPlan,
@@ -153,7 +157,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         .collect();
     let assigned = shard::assign(&loads, n_shards);
     let (mut sources, mut handles, mut ports) = (Vec::new(), Vec::new(), Vec::new());
-    let mut links = Vec::new();
+    let (mut links, mut in_force) = (Vec::new(), Vec::new());
     for ((entry, stream), shard) in config.machines.iter().zip(streams).zip(assigned) {
         let shard = &mut shards[shard];
         let link = Link::new(Arc::clone(&shard.queue), shard.machines.len());
@@ -175,6 +179,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         shard.machines.push(joined.monitored);
         sources.extend(joined.source);
         handles.push(joined.handle);
+        in_force.push(joined.in_force);
     }
     // The ways to the threads of trends and captures that are kept here end now: those threads end with the shards.
     let Stores { keeper, keeping, baselines, feedback, events, notify, trending, trends, .. } =
@@ -185,6 +190,7 @@ pub(super) fn plan(config: &Config) -> Result<Plan, StartError> {
         sources,
         handles,
         links,
+        in_force,
         metrics,
         keeper,
         keeping,
@@ -205,6 +211,7 @@ pub(super) struct Joined {
     pub(super) source: Option<SourcePlan>,
     pub(super) port: Option<Arc<Port>>,
     pub(super) handle: MachineHandle,
+    pub(super) in_force: watch::Sender<InForce>,
 }
 
 /// Joins a machine to its source and to the stores. `tells_store`: it tells when the store fails.
@@ -217,10 +224,11 @@ fn join(
     tells_store: bool,
 ) -> Result<Joined, StartError> {
     let id = &entry.machine.id;
+    let (in_force, holds) = watch::channel(InForce::of(config, entry));
     let recorded = stream.as_ref().ok().zip(stores.recordings.as_ref());
     let recorded = recorded.and_then(|(stream, store)| {
         let told = (metrics.recording(id), stores.keeper.troubles.clone());
-        Recording::new(config, entry, &stream.info, store, told)
+        Recording::new(&holds, &stream.info, store, told)
     });
     let (recording, recording_view) = recorded.unzip();
     let (info, simulated) = match stream {
@@ -256,7 +264,7 @@ fn join(
         ingest: None,
         submit,
     };
-    Ok(Joined { monitored, source, port: None, handle })
+    Ok(Joined { monitored, source, port: None, handle, in_force })
 }
 
 impl Plan {

@@ -112,7 +112,7 @@ impl Daemon {
         runtime.spawn(supervisor::feed(moves(&plan), server_stop.clone()));
         let Plan { shards, sources, handles, metrics, keeper, keeping, baselines, .. } = plan;
         let (events, feedback, mut notifier) = (plan.events, plan.feedback, plan.notify);
-        let links = plan.links;
+        let (links, in_force) = (plan.links, plan.in_force);
         let (trending, trends) = (plan.trending, plan.trends);
         let limits = Arc::clone(&trending.limits);
         let (writing, captures) = plan.captures.unzip();
@@ -145,6 +145,7 @@ impl Daemon {
         let (told, configuration) = watch::channel(holds);
         let levers = Levers {
             links,
+            in_force,
             machines: handles.clone(),
             door: Arc::clone(&door),
             tls: tls.clone(),

@@ -1,5 +1,6 @@
 //! A machine's recorder on its source's thread: gives it the clock, logs and shows what it does.
 
+use super::renewal::InForce;
 use super::trouble::Troubles;
 use crate::api::view::RecordingView;
 use crate::capture::received::Received;
@@ -13,7 +14,6 @@ use crate::capture::recording::store::StoreEvent;
 use crate::capture::writer::CaptureHeader;
 use crate::causes::with_causes;
 use crate::config::Config;
-use crate::config::MachineConfig;
 use crate::ingest::replay::StreamInfo;
 use crate::telemetry::RecordingMetrics;
 use std::path::PathBuf;
@@ -35,6 +35,8 @@ pub struct Recording {
     publisher: watch::Sender<RecordingView>,
     metrics: RecordingMetrics,
     troubles: Troubles,
+    /// The settings that hold.
+    in_force: watch::Receiver<InForce>,
     /// What the metrics know already.
     told: Counts,
 }
@@ -57,26 +59,25 @@ impl Recording {
     /// Makes the recorder of a machine and the receiver of its state; `None` if nothing is
     /// recorded.
     pub(super) fn new(
-        config: &Config,
-        entry: &MachineConfig,
+        in_force: &watch::Receiver<InForce>,
         info: &StreamInfo,
         store: &Arc<Mutex<Store>>,
         (metrics, troubles): (RecordingMetrics, Troubles),
     ) -> Option<(Self, watch::Receiver<RecordingView>)> {
         let (publisher, view) = watch::channel(RecordingView::default());
-        let recording =
-            Self::with_view(config, entry, info, store, (metrics, publisher, troubles))?;
+        let recording = Self::with_view(in_force, info, store, (metrics, publisher, troubles))?;
         Some((recording, view))
     }
 
     /// Makes a recorder that shows its state where others of the machine did before; `None` if nothing is recorded.
     pub(super) fn with_view(
-        config: &Config,
-        entry: &MachineConfig,
+        in_force: &watch::Receiver<InForce>,
         info: &StreamInfo,
         store: &Arc<Mutex<Store>>,
         (metrics, publisher, troubles): (RecordingMetrics, watch::Sender<RecordingView>, Troubles),
     ) -> Option<Self> {
+        let mut in_force = in_force.clone();
+        let InForce { config, entry, configuration } = in_force.borrow_and_update().clone();
         let settings = config.recording?;
         let machine = entry.machine.id.clone();
         let header = RecordingHeader {
@@ -85,18 +86,23 @@ impl Recording {
                 machine: Some(entry.text.0.to_string()),
                 shaft_speed: info.shaft_speed,
             },
-            configuration: Some(super::build::configuration_hash(config)),
+            configuration: Some(configuration.to_string()),
             evidence: Vec::new(),
         };
         let channels: Vec<ReceivedChannel> = info.received.clone();
         let store = Arc::clone(store);
         let recorder = MachineRecorder::new(&machine, header, channels, settings, store);
         let (started, told) = (super::now(), Counts::default());
-        Some(Self { machine, recorder, started, publisher, metrics, troubles, told })
+        Some(Self { machine, recorder, started, publisher, metrics, troubles, in_force, told })
     }
 
-    /// Records a run.
+    /// Records a run. A file that is begun for it says of the machine what holds then.
     pub fn take(&mut self, run: Received) {
+        // Closed: the daemon is stopping, and nothing changes any more.
+        if self.in_force.has_changed().unwrap_or(false) {
+            let InForce { entry, configuration, .. } = &*self.in_force.borrow_and_update();
+            self.recorder.renew(entry.text.0.to_string(), configuration.to_string());
+        }
         let events = self.recorder.take(run, self.now_s());
         self.tell(&events);
     }

@@ -11,6 +11,7 @@ use super::keeper::Keeper;
 use super::link::Input;
 use super::link::Link;
 use super::notify::Notifier;
+use super::renewal::InForce;
 use super::renewal::Renewed;
 use super::stop::Stop;
 use super::tls::Tls;
@@ -69,6 +70,8 @@ const MAX_TEXT_CHARS: usize = 2000;
 pub(super) struct Levers {
     /// In the order of the configuration.
     pub(super) links: Vec<Link>,
+    /// In the same order.
+    pub(super) in_force: Vec<watch::Sender<InForce>>,
     pub(super) machines: Vec<MachineHandle>,
     pub(super) door: Arc<Door>,
     pub(super) tls: Option<Tls>,
@@ -283,6 +286,11 @@ impl Reloader {
         drop(descriptions);
         let (config, hash) = (Arc::new(new.clone()), configuration_hash(new));
         let configuration: Arc<str> = hash.into();
+        // Before the shards: a stream that is opened meanwhile is recorded as its shard will judge it.
+        for (entry, in_force) in new.machines.iter().zip(&self.levers.in_force) {
+            let (config, configuration) = (Arc::clone(&config), Arc::clone(&configuration));
+            in_force.send_replace(InForce { config, entry: entry.clone(), configuration });
+        }
         let (done, taken) = mpsc::sync_channel(self.levers.links.len().max(1));
         let mut n_told = 0;
         let machines = new.machines.iter().zip(&change.machines).zip(learned);

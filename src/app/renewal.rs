@@ -1,5 +1,6 @@
 //! A machine on its shard goes on with other settings, between two blocks.
 
+use super::build::configuration_hash;
 use super::learning::Seen;
 use super::monitored::Monitored;
 use crate::alarms::AlarmEngine;
@@ -29,6 +30,25 @@ pub struct Renewed {
     pub done: SyncSender<()>,
 }
 
+/// The settings of a machine that hold now, for those that are not on its shard.
+#[derive(Debug, Clone)]
+pub(super) struct InForce {
+    /// What holds.
+    pub(super) config: Arc<Config>,
+    /// The machine, as it is described.
+    pub(super) entry: MachineConfig,
+    /// The configuration's hash.
+    pub(super) configuration: Arc<str>,
+}
+
+impl InForce {
+    /// Those of a start.
+    pub(super) fn of(config: &Config, entry: &MachineConfig) -> Self {
+        let configuration = configuration_hash(config).into();
+        Self { config: Arc::new(config.clone()), entry: entry.clone(), configuration }
+    }
+}
+
 impl Monitored {
     /// Takes the settings over and publishes; rings and sources are not touched.
     pub(super) fn renew(&mut self, renewed: &Renewed, queue_bytes: usize) {
@@ -50,6 +70,9 @@ impl Monitored {
                 self.seen = Seen::default();
             }
             self.keep(events, Vec::new());
+            if renewal == Renewal::Rebuilt {
+                self.show_as_described();
+            }
         }
         self.publish(queue_bytes);
         // Who asked may have gone.

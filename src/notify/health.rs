@@ -96,6 +96,23 @@ impl HealthWatch {
         changes
     }
 
+    /// Takes in that the machine is described otherwise from stream time `time_s` on: `diagnosis` has its components, and those
+    /// that it has not are forgotten. Gives what changed; while no data come, nothing but that does.
+    pub fn renew(
+        &mut self,
+        diagnosis: &Diagnosis,
+        is_silent: bool,
+        time_s: f64,
+    ) -> Vec<HealthChange> {
+        self.known.retain(|subject, _| match subject {
+            Subject::Machine => true,
+            Subject::Component(kind, id) => {
+                diagnosis.components.iter().any(|one| one.kind == *kind && one.id == *id)
+            }
+        });
+        if is_silent { Vec::new() } else { self.regain(diagnosis, time_s) }
+    }
+
     /// Takes in that no data come at stream time `time_s`, for the reason `why`: nobody knows whether what was healthy
     /// still is, and what was accused stays so. Gives what changed.
     pub fn lose(&mut self, time_s: f64, why: &str) -> Vec<HealthChange> {

@@ -2,13 +2,18 @@
 
 use crate::event_stream::Event;
 use crate::event_stream::events;
+use crate::live;
+use crate::live::Sender;
 use crate::support;
 use crate::support::Daemon;
 use crate::support::MACHINE;
+use rotorwatch::capture::hints::Hints;
+use rotorwatch::capture::reader::CaptureReader;
 use serde_json::Value;
 use serde_json::json;
 use std::f64::consts::TAU;
 use std::fs;
+use std::path::Path;
 use tempfile::TempDir;
 
 const RATE_HZ: f64 = 1000.0;
@@ -307,4 +312,68 @@ fn a_restart_goes_on_with_what_was_taken_over() {
     assert_eq!(hash(&again), taken_over);
     assert_eq!(alarm(&again).unwrap()["id"], raised["id"]);
     assert_eq!(again.terminate().status.code(), Some(0));
+}
+
+/// Whether a capture has the text of a machine file in it.
+fn says(file: &Path, text: &str) -> bool {
+    let reader = CaptureReader::open(file, None, &Hints::default()).unwrap();
+    reader.info().machine.as_ref().unwrap().contains(text)
+}
+
+#[test]
+fn what_is_kept_after_a_change_says_what_holds_and_what_is_gone_is_listed_no_more() {
+    let config = "[server]\nbind = \"127.0.0.1:0\"\n[ingest]\nbind = \"127.0.0.1:0\"\n[recording]\nenabled = true\n\
+                  [[machine]]\nfile = \"rig.toml\"\n[[source]]\nkind = \"tcp\"\nmachine = \"rig-1\"\n";
+    let files = [("rig.toml", MACHINE.as_bytes())];
+    let (daemon, address) = live::live_in(support::folder(config, &files));
+    let start_ns = live::ago(120);
+    let (mut sender, _) = Sender::greet(&address, 1);
+    (0..160).for_each(|sequence| sender.block(sequence, start_ns));
+    sender.settle();
+    judged(&daemon);
+    change(&daemon, "rig.toml", &MACHINE.replace("\"right\"", "\"drive-end\""));
+    // No sample has come since.
+    let (_, health) = daemon.get_json("/api/v1/machines/rig-1/health");
+    let all = health["components"].as_array().unwrap();
+    let bearings: Vec<&Value> = all.iter().filter(|one| one["kind"] == "bearing").collect();
+    assert_eq!(bearings.len(), 1, "{health:#}");
+    assert_eq!(
+        (&bearings[0]["id"], &bearings[0]["state"]),
+        (&"drive-end".into(), &"undetermined".into())
+    );
+    let body = json!({ "author": "M. Ito", "comment": "after the change", "after_s": 0.0 });
+    let (status, begun) = daemon.post_json("/api/v1/machines/rig-1/captures", &body);
+    assert_eq!(status, 201, "{begun}");
+    (160..170).for_each(|sequence| sender.block(sequence, start_ns));
+    sender.settle();
+    drop(sender);
+    let finished = |n: usize| {
+        support::wait_until("recordings that are finished", || {
+            let (_, list) = daemon.get_json("/api/v1/machines/rig-1/recordings");
+            let items = list["items"].as_array().unwrap().clone();
+            let is_done = items.len() == n && items.iter().all(|item| item["state"] == "finished");
+            is_done.then(|| {
+                items
+                    .iter()
+                    .map(|item| item["file"].as_str().unwrap().to_owned())
+                    .collect::<Vec<_>>()
+            })
+        })
+    };
+    finished(1);
+    let (mut sender, _) = Sender::greet(&address, 1);
+    (170..180).for_each(|sequence| sender.block(sequence, start_ns));
+    sender.settle();
+    drop(sender);
+    let data = daemon.dir.path().join("data");
+    let [newer, older] = &finished(2)[..] else { panic!("two recordings") };
+    assert!(says(&data.join("recordings/rig-1").join(older), "\"right\""), "it was open");
+    assert!(says(&data.join("recordings/rig-1").join(newer), "\"drive-end\""));
+    support::wait_until("the capture", || {
+        let (_, list) = daemon.get_json("/api/v1/captures?machine=rig-1");
+        (list["items"][0]["state"] == "complete").then_some(())
+    });
+    let capture = format!("captures/rig-1/{}.h5", begun["id"].as_str().unwrap());
+    assert!(says(&data.join(capture), "\"drive-end\""));
+    assert_eq!(daemon.terminate().status.code(), Some(0));
 }

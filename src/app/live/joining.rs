@@ -17,6 +17,7 @@ use crate::app::keeper::MachineKeeper;
 use crate::app::link::Link;
 use crate::app::monitored::Monitored;
 use crate::app::monitored::Opened;
+use crate::app::renewal::InForce;
 use crate::app::start_error::StartError;
 use crate::app::stores::Stores;
 use crate::config::Config;
@@ -36,7 +37,9 @@ pub(in crate::app) fn join(
     tells_store: bool,
 ) -> Result<Joined, StartError> {
     let id = &entry.machine.id;
-    let (config, keeper) = (Arc::new(config.clone()), &stores.keeper);
+    let in_force = InForce::of(config, entry);
+    let (config, keeper) = (Arc::clone(&in_force.config), &stores.keeper);
+    let (in_force, holds) = watch::channel(in_force);
     let origin = super::unknown_stream().start_time.unwrap_or_default();
     let judged_by = Some(configuration_hash(&config));
     let key = StreamKey { identity: None, start: Some(origin), judged_by };
@@ -75,8 +78,7 @@ pub(in crate::app) fn join(
     let recording = recordings.as_ref().map(|_| recording);
     let asked = link.clone();
     let port = Arc::new(Port::new(PortPlan {
-        config,
-        entry: entry.clone(),
+        in_force: holds,
         origin,
         link,
         room: Arc::clone(room),
@@ -95,5 +97,5 @@ pub(in crate::app) fn join(
         ingest: Some(Arc::new(move || shown.view())),
         submit,
     };
-    Ok(Joined { monitored, source: None, port: Some(port), handle })
+    Ok(Joined { monitored, source: None, port: Some(port), handle, in_force })
 }

@@ -12,6 +12,7 @@ use crate::app::link::Input;
 use crate::app::link::Link;
 use crate::app::link::ShardQueue;
 use crate::app::queue::Popped;
+use crate::app::renewal::InForce;
 use crate::app::stop::Stop;
 use crate::app::tests::machine;
 use crate::app::tls::Tls;
@@ -78,8 +79,7 @@ pub(super) fn guarded(
     let config = Config { captures: None, ..Config::default() };
     let port = Arc::new(Port::new(PortPlan {
         room: Arc::new(Room::new(config.memory_limit_bytes)),
-        config: Arc::new(config),
-        entry,
+        in_force: watch::channel(InForce::of(&config, &entry)).1,
         origin: super::unknown_stream().start_time.unwrap(),
         link: Link::new(Arc::clone(&queue), 0),
         recordings: None,

@@ -8,11 +8,10 @@ use crate::app::link::Input;
 use crate::app::link::Link;
 use crate::app::queue::Closed;
 use crate::app::recording::Recording;
+use crate::app::renewal::InForce;
 use crate::app::trouble::Troubles;
 use crate::capture::recording::store::Store as Recordings;
-use crate::config::Config;
 use crate::config::Live;
-use crate::config::MachineConfig;
 use crate::config::SourceConfig;
 use crate::ingest::live::Refusal;
 use crate::ingest::live::intake::Arrived;
@@ -41,8 +40,8 @@ const BLOCK_OVERHEAD: usize = 512;
 
 /// What a port is made of.
 pub(in crate::app) struct PortPlan {
-    pub(in crate::app) config: Arc<Config>,
-    pub(in crate::app) entry: MachineConfig,
+    /// The settings that hold.
+    pub(in crate::app) in_force: watch::Receiver<InForce>,
     pub(in crate::app) origin: Timestamp,
     pub(in crate::app) link: Link,
     pub(in crate::app) room: Arc<Room>,
@@ -58,7 +57,10 @@ pub(in crate::app) struct PortPlan {
 /// doing does not wait for it.
 pub(in crate::app) struct Port {
     plan: PortPlan,
+    machine: String,
     live: Live,
+    /// Whether the shard holds what was received.
+    is_captured: bool,
     recorder: Mutex<Recorder>,
     state: Mutex<State>,
 }
@@ -99,9 +101,11 @@ impl Port {
     /// Makes the way.
     #[must_use]
     pub(in crate::app) fn new(plan: PortPlan) -> Self {
-        let keeps_received = plan.config.captures.is_some() || plan.recordings.is_some();
-        let machine = Arc::clone(&plan.entry.machine);
-        let intake = Intake::new(machine, plan.origin, keeps_received);
+        let InForce { config, entry, .. } = plan.in_force.borrow().clone();
+        let is_captured = config.captures.is_some();
+        let keeps_received = is_captured || plan.recordings.is_some();
+        let machine = entry.machine.id.clone();
+        let intake = Intake::new(entry.machine, plan.origin, keeps_received);
         let state = State {
             intake,
             told: BTreeMap::new(),
@@ -109,16 +113,17 @@ impl Port {
             doubts: Vec::new(),
             counted: BTreeMap::new(),
         };
-        let live = match &plan.entry.source {
-            SourceConfig::Live(live) => live.clone(),
+        let live = match entry.source {
+            SourceConfig::Live(live) => live,
             SourceConfig::Replay(_) | SourceConfig::Simulated(_) => Live::default(),
         };
-        Self { plan, live, recorder: Mutex::default(), state: Mutex::new(state) }
+        let (recorder, state) = (Mutex::default(), Mutex::new(state));
+        Self { plan, machine, live, is_captured, recorder, state }
     }
 
     /// The machine's id.
     pub(super) fn machine(&self) -> &str {
-        &self.plan.entry.machine.id
+        &self.machine
     }
 
     /// From where its samples come.
@@ -153,8 +158,8 @@ impl Port {
             return Ok(None);
         }
         let mut room = |info: &StreamInfo| {
-            let machine = &self.plan.entry.machine;
-            let bytes = Fitted::of(&self.plan.config, machine, info).memory_bytes(info);
+            let InForce { config, entry, .. } = &*self.plan.in_force.borrow();
+            let bytes = Fitted::of(config, &entry.machine, info).memory_bytes(info);
             self.plan.room.take(self.machine(), bytes)
         };
         let admitted = state.intake.hello(session, (peer, arrived), hello, &mut room);
@@ -185,9 +190,9 @@ impl Port {
         let Some(store) = self.plan.recordings.as_ref().filter(|_| recording.is_none()) else {
             return;
         };
-        let PortPlan { config, entry, recorded, recording_metrics, troubles, .. } = &self.plan;
+        let PortPlan { in_force, recorded, recording_metrics, troubles, .. } = &self.plan;
         let told = (recording_metrics.clone(), recorded.clone(), troubles.clone());
-        *recording = Recording::with_view(config, entry, info, store, told);
+        *recording = Recording::with_view(in_force, info, store, told);
     }
 
     /// Takes a block in. `within_credit`: the sender may wait for room; else, without room, its samples are dropped.
@@ -219,9 +224,8 @@ impl Port {
             self.plan.link.note_dropped(block.samples.len() as u64);
         }
         let received = taken.received.map(Arc::new);
-        let is_captured = self.plan.config.captures.is_some();
         let now = crate::app::now();
-        let inputs = received.clone().filter(|_| is_captured).map(Input::Received);
+        let inputs = received.clone().filter(|_| self.is_captured).map(Input::Received);
         let blocks = taken.blocks.into_iter().map(|block| Input::Block(block, now));
         let inputs = inputs.into_iter().chain(blocks);
         self.plan.link.send_kept(inputs, kept).map_err(|Closed| stopping())?;

@@ -7,12 +7,33 @@ use crate::alarms::load::Load;
 use crate::api::view::MachineView;
 use crate::api::view::SourceState;
 use crate::buffer::RingStatus;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::summary::whole_state;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::diagnosis::verdict::Coverage;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::machine::Machine;
 use crate::pipeline::Monitor;
 use std::sync::Arc;
 
+/// Why a component that was not there at the newest verdict is undetermined.
+const NEW: &str = "new in the machine file since the newest verdict: judged in the next window";
+
 impl Monitored {
+    /// Shows the components that the machine has by its new description: without those that are gone, and with those that are
+    /// new, which nobody has judged yet.
+    pub(in crate::app) fn show_as_described(&mut self) {
+        let Some(old) = &self.diagnosis else { return };
+        let described = Arc::new(as_described(old, &self.machine));
+        let stream_s = self.stream_time_s();
+        self.state_since_s = since(Some(old), &self.state_since_s, &described, stream_s);
+        self.diagnosis = Some(Arc::clone(&described));
+        let is_silent = self.alarms().no_data().is_some();
+        let changes = self.health.renew(&described, is_silent, stream_s);
+        self.keep(Vec::new(), changes);
+    }
+
     /// Publishes a snapshot.
     pub fn publish(&mut self, queue_bytes: usize) {
         let rings = self.monitor.as_ref().map(Monitor::ring_status).unwrap_or_default();
@@ -67,6 +88,33 @@ pub(super) fn since(
     });
     let whole = old.filter(|old| old.state == new.state).and_then(|_| old_since_s.last().copied());
     component_since.chain([whole.unwrap_or(now_s)]).collect()
+}
+
+/// A verdict as it stands for the machine as it is described now.
+fn as_described(old: &Diagnosis, machine: &Machine) -> Diagnosis {
+    let shafts = machine.shafts.iter().map(|shaft| (ComponentKind::Shaft, &shaft.id));
+    let bearings = machine.bearings.iter().map(|bearing| (ComponentKind::Bearing, &bearing.id));
+    let gears = machine.gears.iter().map(|gear| (ComponentKind::Gear, &gear.id));
+    let parts: Vec<(ComponentKind, &String)> = bearings.chain(gears).chain(shafts).collect();
+    let is_there = |one: &&ComponentDiagnosis| match one.kind {
+        ComponentKind::Bearing | ComponentKind::Shaft | ComponentKind::Gear => {
+            parts.contains(&(one.kind, &one.id))
+        }
+        // Other channels wait for a restart.
+        ComponentKind::Sensor | ComponentKind::Machine => true,
+    };
+    let is_new = |(kind, id): &&(ComponentKind, &String)| {
+        !old.components.iter().any(|one| one.kind == *kind && one.id == **id)
+    };
+    let new = parts.iter().filter(is_new);
+    let new = new.map(|(kind, id)| ComponentDiagnosis::undetermined(id, *kind, NEW.to_owned()));
+    let mut components: Vec<_> = old.components.iter().filter(is_there).cloned().collect();
+    components.extend(new);
+    let judged = components.iter().filter(|one| one.kind != ComponentKind::Sensor);
+    let (open, judged): (Vec<_>, Vec<_>) = judged.partition(|one| one.state == State::Undetermined);
+    let undetermined = open.into_iter().map(|one| one.id.clone()).collect();
+    let coverage = Coverage { judged: judged.len(), undetermined };
+    Diagnosis { state: whole_state(&components), coverage, components, ..old.clone() }
 }
 
 /// What is shown before anything is known.

@@ -123,6 +123,13 @@ impl MachineRecorder {
         }
     }
 
+    /// Files that are begun from now on say this of the machine and of the configuration; the one that is open keeps what it
+    /// says.
+    pub fn renew(&mut self, machine: String, configuration: String) {
+        self.header.capture.machine = Some(machine);
+        self.header.configuration = Some(configuration);
+    }
+
     /// What was done so far.
     #[must_use]
     pub fn counts(&self) -> Counts {

@@ -106,6 +106,26 @@ fn files(root: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
+fn a_file_that_is_begun_after_a_change_says_what_holds_and_one_that_is_open_stays() {
+    let root = TempDir::new().unwrap();
+    let settings = Settings { segment_s: 5.0, ..settings() };
+    let mut recorder = recorder(root.path(), settings, u64::MAX);
+    recorder.renew("first".to_owned(), "crc32:1".to_owned());
+    for (i, run) in stream(0..10).into_iter().enumerate() {
+        if i == 6 {
+            recorder.renew("second".to_owned(), "crc32:2".to_owned());
+        }
+        recorder.take(run, i as f64);
+    }
+    recorder.finish(20.0);
+    let told = files(root.path()).into_iter().map(|file| {
+        let reader = CaptureReader::open(&file, None, &Hints::default()).unwrap();
+        reader.info().machine.clone().unwrap()
+    });
+    assert_eq!(told.collect::<Vec<_>>(), ["first", "second"]);
+}
+
+#[test]
 fn what_was_received_is_read_back_bit_by_bit() {
     for gzip in [None, Some(1)] {
         let root = TempDir::new().unwrap();
