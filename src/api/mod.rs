@@ -22,6 +22,7 @@ mod recordings;
 mod signals;
 mod trends;
 mod pairs;
+mod points;
 mod parameters;
 mod turning;
 mod bins;

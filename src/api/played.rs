@@ -122,6 +122,7 @@ fn sample_verdicts() -> Trend {
     Trend {
         time_s: vec![2.5, 5.0],
         columns: columns.map(|(name, x)| (name.to_owned(), Unit::One, vec![x; 2])).into(),
+        n_samples: Vec::new(),
     }
 }
 
@@ -138,5 +139,6 @@ fn sample_trend() -> Trend {
                 column(|i| if i == 777 { f64::INFINITY } else { 3.0 }),
             ),
         ],
+        n_samples: vec![40_960; n],
     }
 }

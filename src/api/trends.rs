@@ -3,16 +3,17 @@
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
 use super::handles::TrendHandle;
+use super::points::{Columns, Part, append, of_memory, of_store, shown};
 use super::signals::MAX_POINTS;
 use super::state::{ApiState, channel, newest};
-use super::view::{MachineView, ShardRequest, Trend};
+use super::view::{MachineView, ShardRequest, SourceState, Trend};
 use super::wire::problem::ProblemWire;
-use super::wire::signals::{ComponentTrendWire, TrendColumnWire, TrendPointsWire, TrendWire};
-use super::wire::{KindName, TierName, finite, finite_column, rfc3339};
-use crate::plot::decimate;
+use super::wire::signals::{ComponentTrendWire, TrendWire, Validity};
+use super::wire::{KindName, TierName, rfc3339};
+use crate::diagnosis::fault::{ComponentKind, FaultMode};
 use crate::signal::Timestamp;
 use crate::store::StoreError;
-use crate::store::trends::{Subject, Table, Tier, TrendQuery as StoredQuery, tier_for};
+use crate::store::trends::{Subject, Tier, TrendQuery as StoredQuery, tier_for};
 use axum::Json;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -20,9 +21,6 @@ use utoipa::IntoParams;
 
 /// Span of an answer without `from`, s.
 const DEFAULT_SPAN_S: f64 = 86_400.0;
-
-/// Distance of two points, in those that are usual, from which there is a gap between them.
-const GAP: f64 = 1.5;
 
 /// Which part of a trend.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -77,6 +75,36 @@ fn time(name: &str, text: &str) -> Result<Timestamp, ApiError> {
     })
 }
 
+/// What the newest verdict and the source say of what a trend rests on; of what it does not reach to they say nothing.
+fn validity(
+    view: &MachineView,
+    subject: &Subject,
+    span: Option<(Timestamp, Timestamp)>,
+) -> Validity {
+    let newest = view.start_time.unwrap_or_default().plus_seconds(view.stream_time_s);
+    if span.is_some_and(|(_, to)| to <= newest) {
+        return Validity::Ok;
+    }
+    let is_clipped = |channel: &str| {
+        let components = view.diagnosis.iter().flat_map(|diagnosis| &diagnosis.components);
+        let mut its =
+            components.filter(|one| one.kind == ComponentKind::Sensor && one.id == channel);
+        its.any(|one| one.fault == Some(FaultMode::Clipped))
+    };
+    match subject {
+        Subject::Channel(name) if view.is_stale(name) || channel(view, name).is_err() => {
+            Validity::Stale
+        }
+        Subject::Channel(name) if is_clipped(name) => Validity::Clipped,
+        Subject::Component(..)
+            if view.no_data().is_some() || matches!(view.source, SourceState::Failed(_)) =>
+        {
+            Validity::Stale
+        }
+        Subject::Channel(_) | Subject::Component(..) => Validity::Ok,
+    }
+}
+
 /// The names asked for.
 fn names(query: &TrendQuery) -> Option<Vec<String>> {
     let names = query.features.as_deref()?;
@@ -121,9 +149,12 @@ pub(super) async fn trend(
         }
         Err(_) => Trend::default(),
     };
-    let Some(span) = span(&query, &view)? else {
+    let span = span(&query, &view)?;
+    let validity = validity(&view, &Subject::Channel(name.clone()), span);
+    let part = |tier| Part { tier, start: view.start_time, max_points, validity };
+    let Some(span) = span else {
         found?;
-        let part = Part { tier: Tier::Windows, start: view.start_time, max_points };
+        let part = part(Tier::Windows);
         let points = shown(&of_memory(&in_memory), &part, wanted.as_deref(), &name)?;
         return Ok(Json(TrendWire { channel: name, points }));
     };
@@ -135,8 +166,7 @@ pub(super) async fn trend(
     if columns.is_empty() {
         found?;
     }
-    let part = Part { tier, start: view.start_time, max_points };
-    let points = shown(&columns, &part, wanted.as_deref(), &name)?;
+    let points = shown(&columns, &part(tier), wanted.as_deref(), &name)?;
     Ok(Json(TrendWire { channel: name, points }))
 }
 
@@ -174,6 +204,7 @@ pub(super) async fn component(
     };
     let subject = Subject::Component(kind.into(), component.clone());
     let span = span(&query, &view)?.unwrap_or_default();
+    let validity = validity(&view, &subject, Some(span));
     let (tier, mut columns) = stored(&state, &id, (&subject, &query, &view), span).await?;
     if tier == Tier::Windows {
         let handle = state.machine(&id)?;
@@ -191,7 +222,7 @@ pub(super) async fn component(
         let is_judged = judged.any(|one| KindName::from(one.kind) == kind);
         if is_judged && !known.contains(&subject) {
             // Judged, and not yet stored: a history without points.
-            let part = Part { tier, start: view.start_time, max_points };
+            let part = Part { tier, start: view.start_time, max_points, validity };
             let points = shown(&columns, &part, None, &component)?;
             return Ok(Json(ComponentTrendWire { kind, component, points }));
         }
@@ -207,7 +238,7 @@ pub(super) async fn component(
             )));
         }
     }
-    let part = Part { tier, start: view.start_time, max_points };
+    let part = Part { tier, start: view.start_time, max_points, validity };
     let points = shown(&columns, &part, names(&query).as_deref(), &component)?;
     Ok(Json(ComponentTrendWire { kind, component, points }))
 }
@@ -234,6 +265,11 @@ async fn stored(
         origin: view.start_time,
     };
     let tier = query.tier.map(Tier::from);
+    let rate_hz = match subject {
+        Subject::Channel(name) => channel(view, name).ok().map(|(_, info)| info.sample_rate.0),
+        Subject::Component(..) => None,
+    };
+    let counts_samples = matches!(subject, Subject::Channel(_));
     let work = move || {
         let tier = match tier {
             Some(tier) => tier,
@@ -245,202 +281,8 @@ async fn stored(
             }
             read => read?,
         };
-        Ok((tier, of_store(&table)))
+        let columns = of_store(&table, rate_hz);
+        Ok((tier, if counts_samples { columns } else { columns.without_samples() }))
     };
     state.compute(work).await
-}
-
-/// How a trend is shown.
-struct Part {
-    tier: Tier,
-    start: Option<Timestamp>,
-    max_points: usize,
-}
-
-/// A trend on its way to JSON, from wherever it comes.
-#[derive(Default)]
-struct Columns {
-    time_s: Vec<f64>,
-    columns: Vec<Shown>,
-    unreadable: Vec<String>,
-}
-
-/// A feature of it.
-struct Shown {
-    name: String,
-    unit: &'static str,
-    value: Vec<f64>,
-    low: Vec<f64>,
-    high: Vec<f64>,
-}
-
-impl Columns {
-    fn is_empty(&self) -> bool {
-        self.time_s.is_empty()
-    }
-}
-
-fn of_memory(trend: &Trend) -> Columns {
-    let columns = trend.columns.iter().map(|(name, unit, values)| Shown {
-        name: name.clone(),
-        unit: unit.symbol(),
-        value: values.clone(),
-        low: Vec::new(),
-        high: Vec::new(),
-    });
-    let (time_s, columns) = (trend.time_s.clone(), columns.collect());
-    Columns { time_s, columns, unreadable: Vec::new() }
-}
-
-fn of_store(table: &Table) -> Columns {
-    let wide = |values: &[f32]| values.iter().copied().map(f64::from).collect();
-    let columns = table.columns.iter().map(|column| Shown {
-        name: column.name.to_string(),
-        unit: column.unit.symbol(),
-        value: wide(&column.value),
-        low: wide(&column.low),
-        high: wide(&column.high),
-    });
-    let (time_s, unreadable) = (table.time_s.clone(), table.unreadable.clone());
-    Columns { time_s, columns: columns.collect(), unreadable }
-}
-
-/// Adds what memory holds behind what is stored, inside the span.
-fn append(
-    columns: &mut Columns,
-    memory: &Columns,
-    (from, to): (Timestamp, Timestamp),
-    start: Option<Timestamp>,
-) {
-    let newest_s = columns.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
-    let at = |time_s: f64| start.unwrap_or_default().plus_seconds(time_s);
-    let is_new = |time_s: f64| time_s > newest_s + 1e-6 && at(time_s) >= from && at(time_s) < to;
-    let places: Vec<usize> =
-        (0..memory.time_s.len()).filter(|place| is_new(memory.time_s[*place])).collect();
-    if places.is_empty() {
-        return;
-    }
-    let n_before = columns.time_s.len();
-    columns.time_s.extend(places.iter().map(|place| memory.time_s[*place]));
-    for held in &memory.columns {
-        let at = columns.columns.iter().position(|column| column.name == held.name);
-        let at = at.unwrap_or_else(|| {
-            let (name, unit, value) = (held.name.clone(), held.unit, vec![f64::NAN; n_before]);
-            columns.columns.push(Shown { name, unit, value, low: Vec::new(), high: Vec::new() });
-            columns.columns.len() - 1
-        });
-        let values = places.iter().map(|place| held.value.get(*place).copied().unwrap_or(f64::NAN));
-        columns.columns[at].value.extend(values);
-    }
-    for column in &mut columns.columns {
-        column.value.resize(columns.time_s.len(), f64::NAN);
-    }
-}
-
-/// Thins a trend and lays its gaps open.
-fn shown(
-    trend: &Columns,
-    part: &Part,
-    wanted: Option<&[String]>,
-    of: &str,
-) -> Result<TrendPointsWire, ApiError> {
-    let known = |wanted: &&String| trend.columns.iter().any(|column| column.name == **wanted);
-    if !trend.is_empty()
-        && let Some(missing) = wanted.into_iter().flatten().find(|wanted| !known(wanted))
-    {
-        let names: Vec<&str> = trend.columns.iter().map(|column| column.name.as_str()).collect();
-        return Err(ApiError::Invalid(format!(
-            "no feature {missing:?} of {of:?} is held, allowed are: {}",
-            names.join(", ")
-        )));
-    }
-    let n_windows = trend.time_s.len();
-    let gaps = gaps(&trend.time_s, part.tier);
-    let is_wanted = |c: &&Shown| wanted.is_none_or(|wanted| wanted.contains(&c.name));
-    let columns = trend.columns.iter().filter(is_wanted);
-    Ok(TrendPointsWire {
-        decimated: n_windows > part.max_points,
-        n_windows,
-        tier: part.tier.into(),
-        start_time: part.start.map(|start| rfc3339(Some(start), 0.0)),
-        gaps: gaps
-            .iter()
-            .map(|place| [finite(trend.time_s[*place]), finite(trend.time_s[place + 1])])
-            .collect(),
-        unreadable: trend.unreadable.clone(),
-        features: columns.map(|c| column(c, &trend.time_s, &gaps, part.max_points)).collect(),
-    })
-}
-
-/// Places after which points are missing.
-fn gaps(time_s: &[f64], tier: Tier) -> Vec<usize> {
-    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let after = |steps: &[f64], usual_s: f64| -> Vec<usize> {
-        let is_gap = |step: &f64| *step > GAP * usual_s;
-        steps.iter().enumerate().filter(|(_, s)| is_gap(s)).map(|(place, _)| place).collect()
-    };
-    if let Some(step_s) = tier.step_s() {
-        return after(&steps, step_s as f64);
-    }
-    let all = steps.clone();
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).map_or(Vec::new(), |usual_s| after(&all, *usual_s))
-}
-
-/// One feature, thinned so that its extremes stay; each gap is a point without a value.
-fn column(shown: &Shown, time_s: &[f64], gaps: &[usize], max_points: usize) -> TrendColumnWire {
-    let n = time_s.len().min(shown.value.len());
-    let is_coarse = !shown.low.is_empty();
-    let mut kept = if is_coarse {
-        // The extremes of minutes and hours stand beside their means.
-        let mut both = decimate::min_max(n, (max_points / 2).max(2), |i| shown.low[i]);
-        both.extend(decimate::min_max(n, (max_points / 2).max(2), |i| shown.high[i]));
-        if n <= max_points { (0..n).collect() } else { both }
-    } else {
-        decimate::min_max(n, max_points, |i| shown.value[i])
-    };
-    kept.sort_unstable();
-    kept.dedup();
-    let slots = with_gaps(&kept, gaps);
-    let with = |from: &[f64]| {
-        finite_column(slots.iter().map(|slot| match slot {
-            Slot::Point(place) => from[*place],
-            Slot::Gap(_) => f64::NAN,
-        }))
-    };
-    let times = slots.iter().map(|slot| match slot {
-        Slot::Point(place) => time_s[*place],
-        Slot::Gap(place) => 0.5 * (time_s[*place] + time_s[place + 1]),
-    });
-    let times = finite_column(times);
-    let extremes = |from: &[f64]| if is_coarse { with(from) } else { Vec::new() };
-    TrendColumnWire {
-        name: shown.name.clone(),
-        unit: shown.unit.to_owned(),
-        time_s: times,
-        value: with(&shown.value),
-        low: extremes(&shown.low),
-        high: extremes(&shown.high),
-    }
-}
-
-/// A point that is shown, or the gap behind a point.
-enum Slot {
-    Point(usize),
-    Gap(usize),
-}
-
-/// The points that are kept, with the gaps between them; of several gaps between two points the last.
-fn with_gaps(kept: &[usize], gaps: &[usize]) -> Vec<Slot> {
-    let mut slots = Vec::with_capacity(kept.len());
-    let mut next = gaps.iter().copied().peekable();
-    for place in kept {
-        let mut gap = None;
-        while let Some(before) = next.next_if(|gap| gap < place) {
-            gap = Some(before);
-        }
-        slots.extend(gap.filter(|_| !slots.is_empty()).map(Slot::Gap));
-        slots.push(Slot::Point(*place));
-    }
-    slots
 }

@@ -141,6 +141,8 @@ pub struct Trend {
     pub time_s: Vec<f64>,
     /// Feature name, unit and values, each as long as `time_s`.
     pub columns: Vec<(String, crate::units::Unit, Vec<f64>)>,
+    /// Samples of each window; empty for verdicts, which rest on several channels.
+    pub n_samples: Vec<u64>,
 }
 
 /// What HTTP may ask a shard.

@@ -55,6 +55,7 @@ impl VerdictStore {
         Trend {
             time_s: held.iter().map(|(time_s, _)| *time_s).collect(),
             columns: names.into_iter().flatten().enumerate().map(column).collect(),
+            n_samples: Vec::new(),
         }
     }
 }
@@ -63,6 +64,8 @@ impl VerdictStore {
 #[derive(Debug, Clone, Default)]
 pub struct TrendStore {
     time_s: VecDeque<f64>,
+    /// Samples of each window.
+    n_samples: VecDeque<u64>,
     columns: Vec<Column>,
 }
 
@@ -80,6 +83,7 @@ impl TrendStore {
     pub fn push(&mut self, time_s: f64, features: &ChannelFeatures) {
         if self.time_s.len() == MAX_POINTS {
             self.time_s.pop_front();
+            self.n_samples.pop_front();
             for column in &mut self.columns {
                 column.values.pop_front();
             }
@@ -88,6 +92,8 @@ impl TrendStore {
             self.add_column(feature);
         }
         self.time_s.push_back(time_s);
+        let (first, end) = features.sample_range;
+        self.n_samples.push_back(end.saturating_sub(first));
         for column in &mut self.columns {
             let feature = features.values.iter().find(|feature| feature.name == column.name);
             column.values.push_back(feature.map_or(f64::NAN, |feature| feature.value));
@@ -117,6 +123,7 @@ impl TrendStore {
             columns: columns
                 .map(|c| (c.name.to_string(), c.unit, c.values.iter().copied().collect()))
                 .collect(),
+            n_samples: self.n_samples.iter().copied().collect(),
         }
     }
 
@@ -154,6 +161,7 @@ mod tests {
         store.push(15.0, &window(&[("crest", 4.0)]));
         let trend = store.copy();
         assert_eq!(trend.time_s, [5.0, 10.0, 15.0]);
+        assert_eq!(trend.n_samples, [1; 3]);
         let [(rms, _, rms_values), (crest, _, crest_values)] = &trend.columns[..] else {
             panic!("two columns")
         };
@@ -205,7 +213,7 @@ mod tests {
             store.push(i as f64, &window(&[("rms", i as f64)]));
         }
         let trend = store.copy();
-        assert_eq!(trend.time_s.len(), MAX_POINTS);
+        assert_eq!((trend.time_s.len(), trend.n_samples.len()), (MAX_POINTS, MAX_POINTS));
         assert!((trend.time_s[0] - 10.0).abs() < 1e-12);
         assert_eq!(trend.columns[0].2, trend.time_s);
     }

@@ -276,7 +276,10 @@ async fn trend_thins_selects_and_keeps_what_is_not_finite_out() {
     let trend = service.get(&format!("{CHANNELS}/right_x/trend?max_points=10")).await.json();
     assert_eq!(trend["n_windows"], 1000);
     assert_eq!(trend["decimated"], true);
+    assert_eq!(trend["validity"], "ok");
     let rms = &trend["features"][0];
+    assert_eq!(column(rms, "n_samples"), vec![40_960.0; column(rms, "value").len()]);
+    assert_eq!(column(rms, "windows"), vec![1.0; column(rms, "value").len()]);
     assert_eq!(rms["unit"], "m/s^2");
     let value = column(rms, "value");
     assert!(value.len() <= 10 && value.contains(&0.0) && value.contains(&999.0));

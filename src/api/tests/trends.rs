@@ -112,6 +112,12 @@ async fn what_was_before_a_restart_counts_from_the_stream_that_runs_and_shows_it
         let [empty] = empty[..] else { panic!("one point without a value: {empty:?}") };
         assert!(times[empty].unwrap() > gaps[0][0].as_f64().unwrap());
         assert!(times[empty].unwrap() < gaps[0][1].as_f64().unwrap());
+        // What it rests on: windows of an older stream, whose rate nobody knows, and a hole between them.
+        assert_eq!(trend["validity"], "gap");
+        let windows: Vec<f64> = numbers(&trend, "windows").into_iter().flatten().collect();
+        assert!((windows.iter().sum::<f64>() - 480.0).abs() <= 1.0, "{windows:?}");
+        assert_eq!(windows[empty], 0.0);
+        assert!(numbers(&trend, "n_samples").iter().all(Option::is_none), "{trend}");
         // Thinned, the one high value is still there, and so is the gap.
         let thin = service.get(&format!("{PATH}?tier={tier}&{span}&max_points=8")).await.json();
         let of = if tier == "raw" { "value" } else { "high" };
@@ -133,6 +139,8 @@ async fn what_is_not_stored_yet_comes_from_memory() {
     let times = numbers(&trend, "time_s");
     let times: Vec<f64> = times.into_iter().flatten().collect();
     assert!(times.is_sorted());
+    let n_samples = numbers(&trend, "n_samples");
+    assert_eq!(n_samples.last().copied().flatten(), Some(40_960.0), "of this stream");
 }
 
 #[tokio::test]

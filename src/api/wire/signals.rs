@@ -332,6 +332,9 @@ pub struct ComponentTrendWire {
 /// The points of a trend.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema, ToSchema)]
 pub struct TrendPointsWire {
+    /// Whether what it rests on can be trusted, the worst: `stale`, it reaches to the newest window and no more samples come; `clipped`,
+    /// the sensor is found clipped in the newest window; `gap`, stretches without points, or none at all. A window itself never spans a gap.
+    pub validity: Validity,
     /// Whether each column holds smallest and largest value of each stretch.
     pub decimated: bool,
     /// Number of windows, minutes or hours there are.
@@ -363,4 +366,9 @@ pub struct TrendColumnWire {
     pub low: Vec<Option<f64>>,
     /// Largest value of each minute or hour; empty for windows.
     pub high: Vec<Option<f64>>,
+    /// How many windows each value rests on: 1, or those of the minute or hour; 0 where there is no value.
+    pub windows: Vec<usize>,
+    /// Samples of each window that a value rests on; null where there is no value, and of windows of an earlier stream, whose rate is
+    /// not known. Empty for minutes and hours, whose windows may overlap, and for components, whose verdicts rest on several channels.
+    pub n_samples: Vec<Option<u64>>,
 }

@@ -271,6 +271,7 @@ fn pieces(
 fn cut(mut table: Table, first: usize) -> Table {
     if first > 0 {
         table.time_s.drain(..first);
+        table.duration_s.drain(..first.min(table.duration_s.len()));
         for column in &mut table.columns {
             for part in [&mut column.value, &mut column.low, &mut column.high, &mut column.n] {
                 part.drain(..first.min(part.len()));

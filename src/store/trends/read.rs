@@ -22,6 +22,7 @@ use super::settled::Settled;
 use super::sqlite::FOLDER;
 use super::sqlite::read_minute;
 use super::table::MAX_VALUES;
+use super::table::Point;
 use crate::alarms::past::PastStream;
 use crate::alarms::past::PastWindow;
 use crate::causes::with_causes;
@@ -54,7 +55,7 @@ struct Reading<'a> {
 }
 
 /// Points of a block with their times, and the block.
-type Points = (Vec<(usize, f64)>, Row);
+type Points = (Vec<Point>, Row);
 
 /// What is read of a stream.
 struct Wanted<'a> {
@@ -343,9 +344,9 @@ impl TrendArchive for SqliteTrendArchive {
                 let held = period.blocks();
                 for block in held.start.max(blocks.0)..held.end.min(blocks.1 + 1) {
                     let found = points(&mut reading, query, block, &wanted)?;
-                    let Some((places, row)) = found else { continue };
+                    let Some((points, row)) = found else { continue };
                     let width = if tier == Tier::Windows { 1 } else { WIDTH };
-                    table.append(&places, (&row.layout, &row.columns), width, features);
+                    table.append(&points, (&row.layout, &row.columns), width, features);
                     let n_columns = table.columns.len().max(1);
                     if table.time_s.len().saturating_mul(n_columns) > MAX_VALUES {
                         return Err(StoreError::TooMuch { max: MAX_VALUES });
@@ -449,7 +450,7 @@ fn points(
     wanted: &Wanted<'_>,
 ) -> Result<Option<Points>, StoreError> {
     let tier = query.tier;
-    let (row, times): (Row, Vec<(Timestamp, f64)>) = if let Some(step_s) = tier.step_s() {
+    let (row, all): (Row, Vec<(Timestamp, Point)>) = if let Some(step_s) = tier.step_s() {
         let Some(row) = reading.coarse(tier, block, wanted)? else { return Ok(None) };
         let first_s = block.saturating_mul(tier.block_s());
         let places = (0_i64..).take(tier.places());
@@ -457,14 +458,18 @@ fn points(
             let at = Timestamp((first_s + place * step_s).saturating_mul(1_000_000_000));
             (at, since(at, query.origin))
         };
-        (row, places.map(at).collect())
+        let point = |(place, (at, time_s))| (at, Point { place, time_s, duration_s: None });
+        (row, places.map(at).enumerate().map(point).collect())
     } else {
         let Some((windows, row)) = reading.fine(block, wanted)? else { return Ok(None) };
         // Of the same stream the time is that of the stream, to the last digit.
         let start = wanted.stream.start.unwrap_or_default();
         let shift_s = since(start, query.origin);
-        let at = |window: &PastWindow| (wanted.stream.utc(window.time_s), window.time_s + shift_s);
-        (row, windows.iter().map(at).collect())
+        let at = |(place, window): (usize, &PastWindow)| {
+            let (time_s, duration_s) = (window.time_s + shift_s, Some(window.duration_s));
+            (wanted.stream.utc(window.time_s), Point { place, time_s, duration_s })
+        };
+        (row, windows.iter().enumerate().map(at).collect())
     };
     // A minute or hour belongs to the span that it reaches into.
     let length = tier.step_s().map_or(1, |step_s| step_s * 1_000_000_000);
@@ -472,11 +477,7 @@ fn points(
     let is_known = |place: usize| {
         tier == Tier::Windows || row.columns.iter().step_by(WIDTH).any(|n| n[place] > 0.0)
     };
-    let places: Vec<(usize, f64)> = times
-        .iter()
-        .enumerate()
-        .filter(|(place, (at, _))| is_inside(*at) && is_known(*place))
-        .map(|(place, (_, time_s))| (place, *time_s))
-        .collect();
-    Ok((!places.is_empty()).then_some((places, row)))
+    let taken = all.into_iter().filter(|(at, point)| is_inside(*at) && is_known(point.place));
+    let taken: Vec<Point> = taken.map(|(_, point)| point).collect();
+    Ok((!taken.is_empty()).then_some((taken, row)))
 }

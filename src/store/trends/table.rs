@@ -13,10 +13,23 @@ pub(super) const MAX_VALUES: usize = 8_000_000;
 pub struct Table {
     /// Ends of windows, or starts of minutes or hours, s from the origin asked for, rising.
     pub time_s: Vec<f64>,
+    /// Length of each window, s; empty for minutes and hours.
+    pub duration_s: Vec<f64>,
     /// One a feature.
     pub columns: Vec<Column>,
     /// Files whose part is missing because they cannot be read, with the reason.
     pub unreadable: Vec<String>,
+}
+
+/// A point that is taken of a block.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Point {
+    /// Its place in the block.
+    pub(super) place: usize,
+    /// Its time.
+    pub(super) time_s: f64,
+    /// Length of the window; `None`: a minute or an hour.
+    pub(super) duration_s: Option<f64>,
 }
 
 /// One feature over time.
@@ -47,6 +60,7 @@ impl Table {
     pub fn extend(&mut self, later: &Self) {
         let (n_before, n_more) = (self.time_s.len(), later.time_s.len());
         self.time_s.extend(&later.time_s);
+        self.duration_s.extend(&later.duration_s);
         for column in &later.columns {
             let width = if column.n.is_empty() { 1 } else { WIDTH };
             let at = self.columns.iter().position(|held| held.name == column.name);
@@ -67,17 +81,17 @@ impl Table {
         }
     }
 
-    /// Adds points. `columns`: `width` a feature, of which `wanted` says which are taken; `places`: which
-    /// points, with their times.
+    /// Adds points. `columns`: `width` a feature, of which `wanted` says which are taken.
     pub(super) fn append(
         &mut self,
-        places: &[(usize, f64)],
+        points: &[Point],
         (layout, columns): (&[FeatureName], &[Vec<f32>]),
         width: usize,
         wanted: Option<&[String]>,
     ) {
         let n_before = self.time_s.len();
-        self.time_s.extend(places.iter().map(|(_, time_s)| time_s));
+        self.time_s.extend(points.iter().map(|point| point.time_s));
+        self.duration_s.extend(points.iter().filter_map(|point| point.duration_s));
         for ((name, unit), parts) in layout.iter().zip(columns.chunks_exact(width)) {
             if wanted.is_some_and(|wanted| !wanted.iter().any(|w| **w == **name)) {
                 continue;
@@ -90,7 +104,8 @@ impl Table {
             let column = &mut self.columns[at];
             column.fill(n_before, width);
             let take = |into: &mut Vec<f32>, from: &[f32]| {
-                into.extend(places.iter().map(|(p, _)| from.get(*p).copied().unwrap_or(f32::NAN)));
+                let values = points.iter().map(|point| from.get(point.place).copied());
+                into.extend(values.map(|value| value.unwrap_or(f32::NAN)));
             };
             match parts {
                 [value] => take(&mut column.value, value),
@@ -120,6 +135,9 @@ impl Table {
             .map(<[usize]>::to_vec)
             .collect();
         self.time_s = groups.iter().map(|group| self.time_s[group[0]]).collect();
+        // Of several streams the later one holds, as its values do.
+        let duration_s = groups.iter().filter_map(|group| self.duration_s.get(*group.last()?));
+        self.duration_s = duration_s.copied().collect();
         for column in &mut self.columns {
             column.regroup(&groups);
         }
