@@ -3,8 +3,9 @@
 use super::error::ApiError;
 use super::exposition;
 use super::extract::{Query, State, in_range};
+use super::handles::{IngestView, MachineHandle};
 use super::state::{ApiState, newest};
-use super::view::SourceState;
+use super::view::{MachineView, SourceState};
 use super::wire::problem::ProblemWire;
 use super::wire::system::{LiveWire, LogWire, ReadyWire};
 use axum::Json;
@@ -20,7 +21,8 @@ pub(super) async fn livez() -> Json<LiveWire> {
     Json(LiveWire { live: true })
 }
 
-/// Says whether every source is open or came to its end and the pipeline moves.
+/// Says whether every source is open or came to its end, live senders are connected, the pipeline moves and the store takes what
+/// is to be kept. Not for who ends what does not answer: that is `/livez`.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -34,11 +36,7 @@ pub(super) async fn livez() -> Json<LiveWire> {
 pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Json<ReadyWire>, ApiError> {
     let mut reasons = (state.readiness)();
     for (id, handle) in state.machines.iter() {
-        match &newest(handle).source {
-            SourceState::Starting => reasons.push(format!("source of {id:?} is not open yet")),
-            SourceState::Failed(why) => reasons.push(format!("source of {id:?} failed: {why}")),
-            SourceState::Running | SourceState::Finished => {}
-        }
+        reasons.extend(missing_source(handle, &newest(handle)));
         if handle.view.has_changed().is_err() {
             reasons.push(format!("the shard of {id:?} has ended"));
         }
@@ -48,6 +46,33 @@ pub(super) async fn readyz(State(state): State<ApiState>) -> Result<Json<ReadyWi
     } else {
         Err(ApiError::NotReady(reasons))
     }
+}
+
+/// Why the samples of a machine cannot come at the moment; `None`: they can, or have come to their end.
+fn missing_source(handle: &MachineHandle, view: &MachineView) -> Option<String> {
+    let id = &handle.id;
+    let senders = handle.ingest.as_ref().map(|status| status());
+    match (&view.source, senders) {
+        (SourceState::Failed(why), _) => Some(format!("source of {id:?} failed: {why}")),
+        (SourceState::Starting, None) => Some(format!("source of {id:?} is not open yet")),
+        (SourceState::Starting | SourceState::Running, Some(senders)) => {
+            missing_sender(id, &senders, view.source == SourceState::Starting)
+        }
+        (SourceState::Running, None) | (SourceState::Finished, _) => None,
+    }
+}
+
+/// Which live sender of a machine is missing, or has sent nothing yet.
+fn missing_sender(id: &str, senders: &IngestView, is_starting: bool) -> Option<String> {
+    if senders.n_senders == 0 {
+        return Some(format!("no sender of {id:?} is connected"));
+    }
+    let unsent = senders.channels.iter().filter(|channel| channel.sender.is_none());
+    let unsent: Vec<&str> = unsent.map(|channel| channel.name.as_str()).collect();
+    if !unsent.is_empty() {
+        return Some(format!("no sender of {id:?} is connected that sends {}", unsent.join(", ")));
+    }
+    is_starting.then(|| format!("the senders of {id:?} have sent nothing yet"))
 }
 
 /// Which lines.

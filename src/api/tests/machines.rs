@@ -1,7 +1,7 @@
 //! Machines, health, diagnosis, service pages.
 
 use crate::alarms::{self, AlarmEngine, DataFlow, Moment};
-use crate::api::handles::FeedbackHandle;
+use crate::api::handles::{FeedbackHandle, IngestView};
 use crate::api::openapi_text;
 use crate::api::support::{Behaviour, Service, golden, sample_diagnosis};
 use crate::api::tests::{baselines, captures, events, recordings, trends};
@@ -9,7 +9,9 @@ use crate::api::view::SourceState;
 use crate::api::wire::diagnosis::json_schema;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::Coverage;
-use crate::signal::Timestamp;
+use crate::ingest::live::intake::ChannelStatus;
+use crate::ingest::live::ledger::Ledger;
+use crate::signal::{ChannelIndex, Timestamp};
 use crate::store::feedback::SqliteFeedback;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -197,6 +199,50 @@ async fn readiness_names_what_is_wrong() {
     assert_eq!(answer.json()["errors"], json!(["source of \"rig-1\" failed: no such file"]));
     assert_eq!(answer.header("retry-after"), "1");
     assert_eq!(service.get("/livez").await.status, 200, "alive all the same");
+}
+
+#[tokio::test]
+async fn readiness_needs_the_senders_of_a_live_machine() {
+    let channel = |name: &str, is_sent: bool| ChannelStatus {
+        name: name.to_owned(),
+        channel: ChannelIndex(0),
+        ledger: Ledger::default(),
+        counted_since: Timestamp(0),
+        clock: None,
+        offset_s: None,
+        doubt: None,
+        stated_until: None,
+        rate_hz: 1e4,
+        sender: is_sent.then(|| ("tcp://10.0.0.7:4711".to_owned(), Timestamp(0))),
+    };
+    let ready = async |source: SourceState, n_senders, channels: Vec<ChannelStatus>| {
+        let mut service = Service::new();
+        let mut handle = service.state.machine("rig-1").unwrap().clone();
+        let senders = IngestView { n_senders, channels, at: Timestamp(0) };
+        handle.ingest = Some(Arc::new(move || senders.clone()));
+        service.state.machines = Arc::new([("rig-1".to_owned(), handle)].into());
+        let service = service.renewed();
+        service.view.send_modify(|view| Arc::make_mut(view).source = source);
+        let answer = service.get("/readyz").await;
+        assert_eq!(service.get("/livez").await.status, 200, "alive all the same");
+        if answer.status == 200 {
+            Vec::new()
+        } else {
+            answer.json()["errors"].as_array().unwrap().clone()
+        }
+    };
+    let both = |second| vec![channel("x", true), channel("speed", second)];
+    let (starting, running) = (SourceState::Starting, SourceState::Running);
+    let nobody = json!("no sender of \"rig-1\" is connected");
+    assert_eq!(ready(starting.clone(), 0, Vec::new()).await, [nobody.clone()]);
+    let silent = json!("the senders of \"rig-1\" have sent nothing yet");
+    assert_eq!(ready(starting, 2, both(true)).await, [silent]);
+    assert!(ready(running.clone(), 2, both(true)).await.is_empty());
+    let one = json!("no sender of \"rig-1\" is connected that sends speed");
+    assert_eq!(ready(running.clone(), 1, both(false)).await, [one]);
+    assert_eq!(ready(running, 0, both(false)).await, [nobody]);
+    let ended = ready(SourceState::Finished, 0, both(false)).await;
+    assert!(ended.is_empty(), "a stream that came to its end keeps serving");
 }
 
 #[tokio::test]
