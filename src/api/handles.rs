@@ -159,6 +159,14 @@ impl IngestView {
         drifts.max_by(|a, b| a.abs().total_cmp(&b.abs()))
     }
 
+    /// Of the clocks of the senders how far the one that is off most is behind that of the daemon, s, below 0: ahead; `None`: not
+    /// known.
+    #[must_use]
+    pub fn clock_offset_s(&self) -> Option<f64> {
+        let offsets = self.channels.iter().filter_map(|channel| channel.offset_s);
+        offsets.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+    }
+
     /// How long before now the newest sample was taken by the clocks of the senders, s, below 0: after it; `None`: no sender
     /// states times.
     #[must_use]
@@ -352,6 +360,7 @@ mod tests {
             ledger: Ledger::default(),
             counted_since: Timestamp(0),
             clock: ppm.map(|ppm| Estimate { ppm, span_s: 60.0 }),
+            offset_s: ppm.map(|ppm| -ppm),
             doubt: None,
             stated_until: until.map(Timestamp),
             rate_hz: 1e4,
@@ -365,7 +374,7 @@ mod tests {
     fn of_clocks_the_worst_is_told_and_of_samples_the_newest() {
         let seconds = |s: i64| Some(s * 1_000_000_000);
         let two = view(&[(Some(20.0), seconds(4)), (Some(-35.0), seconds(7)), (None, None)]);
-        assert_eq!(two.drift_ppm(), Some(-35.0));
+        assert_eq!((two.drift_ppm(), two.clock_offset_s()), (Some(-35.0), Some(35.0)));
         assert!((two.sample_age_s().unwrap() - 2.0).abs() < 1e-9);
         let ahead = view(&[(None, seconds(12))]);
         assert!((ahead.sample_age_s().unwrap() + 3.0).abs() < 1e-9, "its clock is ahead");

@@ -75,6 +75,7 @@ fn stream(handle: &MachineHandle) -> StreamWire {
         queue_wait_s: view.queue_wait_s.and_then(finite),
         verdict_lag_s: verdict_lag_s(&view),
         clock_drift_ppm: senders.as_ref().and_then(|s| finite(s.drift_ppm()?)),
+        clock_offset_s: senders.as_ref().and_then(|s| finite(s.clock_offset_s()?)),
         sample_age_s: senders.as_ref().and_then(|s| finite(s.sample_age_s()?)),
         dropped_blocks: view.dropped.0,
         dropped_samples: view.dropped.1,

@@ -92,6 +92,7 @@ pub struct Metrics {
     ingest: IngestMetrics,
     ingested: Family<FateLabels, Counter>,
     clock_drift: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
+    clock_offset: Family<ChannelLabels, Gauge<f64, AtomicU64>>,
     configuration: ConfigurationMetrics,
     access: AccessMetrics,
     stages: StageMetrics,
@@ -150,6 +151,7 @@ impl Metrics {
             ingest: IngestMetrics::default(),
             ingested: Family::default(),
             clock_drift: Family::default(),
+            clock_offset: Family::default(),
             configuration: ConfigurationMetrics::default(),
             access: AccessMetrics::default(),
             stages: StageMetrics::default(),
@@ -263,6 +265,8 @@ impl Metrics {
         registry.register("ingest_samples", text, self.ingested.clone());
         let text = "Samples by the wall clock beyond those stated, parts in a million";
         registry.register("clock_drift_ppm", text, self.clock_drift.clone());
+        let text = "How far a sender's clock is behind that of the daemon, s";
+        registry.register("clock_offset_seconds", text, self.clock_offset.clone());
         let text = "Senders that are connected";
         registry.register("ingest_connections", text, self.ingest.connections.clone());
         let text = "Senders refused or cut off, by the error they were told";
@@ -293,6 +297,13 @@ impl Metrics {
     pub fn clock_drift(&self, machine: &str, channel: &str) -> Gauge<f64, AtomicU64> {
         let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
         self.clock_drift.get_or_create_owned(&labels)
+    }
+
+    /// How far the clock of a live channel's sender is behind.
+    #[must_use]
+    pub fn clock_offset(&self, machine: &str, channel: &str) -> Gauge<f64, AtomicU64> {
+        let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
+        self.clock_offset.get_or_create_owned(&labels)
     }
 
     fn register_captures(&self, registry: &mut Registry) {

@@ -121,6 +121,7 @@ fn rules_and_documents_name_only_metrics_that_exist_and_the_document_names_all()
     let _refusal = metrics.ingest().refused("unauthorised");
     let _lost = metrics.ingest().refused_samples("malformed");
     metrics.clock_drift("m", "c").set(1.0);
+    metrics.clock_offset("m", "c").set(1.0);
     let text = metrics.encode();
     let samples: String = text.lines().filter(|line| !line.starts_with('#')).collect();
     let exist = named(&samples);

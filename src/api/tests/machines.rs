@@ -271,7 +271,7 @@ async fn metrics_and_system_are_served() {
     service.view.send_modify(|view| Arc::make_mut(view).window_end_s = Some(end_s));
     let system = service.get("/api/v1/system").await.json();
     assert_eq!(system["streams"][0]["verdict_lag_s"], 1.5);
-    for unknown in ["clock_drift_ppm", "sample_age_s"] {
+    for unknown in ["clock_drift_ppm", "clock_offset_s", "sample_age_s"] {
         assert_eq!(stream[unknown], Value::Null, "{unknown} of a source that has no senders");
     }
     service.view.send_modify(|view| Arc::make_mut(view).window_end_s = None);

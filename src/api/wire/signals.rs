@@ -97,9 +97,13 @@ pub struct LedgerWire {
     pub counted_since: String,
     /// How much more samples a second of the wall clock come than stated, parts in a million; null: too little is known.
     pub clock_drift_ppm: Option<f64>,
+    /// How far the sender's clock is behind that of the daemon by the times it states, delays of the way included, s, below 0:
+    /// ahead; null: it states none, or for less than a minute.
+    pub clock_offset_s: Option<f64>,
     /// Samples a second by the wall clock.
     pub measured_rate_hz: Option<f64>,
-    /// What is wrong with what comes: a rate that is off by more than clocks drift, or samples that had all come before.
+    /// What is wrong with what comes: a rate that is off by more than clocks drift, a clock that is off by more than 10 s (1 s ahead),
+    /// or samples that had all come before.
     pub warning: Option<String>,
     /// Where it is sent from at the moment; null: nobody sends it.
     pub sender: Option<String>,
@@ -122,6 +126,7 @@ impl LedgerWire {
                     $($count,)*
                     counted_since: at(status.counted_since),
                     clock_drift_ppm: clock.and_then(|clock| finite(clock.ppm)),
+                    clock_offset_s: status.offset_s.and_then(finite),
                     measured_rate_hz: clock.and_then(|clock| finite(clock.rate_hz(status.rate_hz))),
                     warning: status.doubt.clone(),
                     sender,

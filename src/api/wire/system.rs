@@ -202,6 +202,9 @@ pub struct StreamWire {
     /// How much more samples a second of the wall clock come than stated, parts in a million, of the channel that is off
     /// most; null: not live, or too little is known.
     pub clock_drift_ppm: Option<f64>,
+    /// How far the clock of the sender whose clock is off most is behind that of the daemon, delays of the way included, s, below 0:
+    /// ahead; null: not live, the senders state no times, or for less than a minute. Above 10 or below -1 it is told as a warning.
+    pub clock_offset_s: Option<f64>,
     /// How long ago the newest sample was taken by the clock of its sender, s, below 0 where that is ahead; null: not live,
     /// or the senders state no times. It grows while nothing is sent.
     pub sample_age_s: Option<f64>,

@@ -323,6 +323,9 @@ impl Port {
             if let Some(clock) = channel.clock {
                 metrics.clock_drift(self.machine(), &channel.name).set(clock.ppm);
             }
+            if let Some(offset_s) = channel.offset_s {
+                metrics.clock_offset(self.machine(), &channel.name).set(offset_s);
+            }
         }
     }
 }

@@ -85,6 +85,8 @@ pub struct ChannelStatus {
     pub counted_since: Timestamp,
     /// How its clock runs, if that is known.
     pub clock: Option<Estimate>,
+    /// How far its sender's clock is behind that of the daemon, s, below 0: ahead; if that is known.
+    pub offset_s: Option<f64>,
     /// What is wrong with what comes, for people.
     pub doubt: Option<String>,
     /// Time that its sender stated of one past the newest sample, UTC; `None`: it stated none.
@@ -330,6 +332,9 @@ impl Intake {
         let length_s = block.samples.len() as f64 / lane.described.rate_hz;
         let stated = Some(Timestamp(block.time_ns)).filter(|_| block.time_ns != wire::NO_TIME);
         lane.stated_until = stated.map(|first| first.plus_seconds(length_s));
+        if stated.is_some() {
+            lane.offset.observe(now_s, now_s - wall_s - length_s);
+        }
         let taken = lane.take(block, placing);
         Ok((lane.next.sequence, taken))
     }
@@ -404,7 +409,7 @@ impl Intake {
         lanes.map(|lane| (lane.described.name.as_str(), &lane.ledger))
     }
 
-    /// What is wrong with what comes: a clock that runs so wrong that its rate cannot be what is stated, samples that had all come before.
+    /// What is wrong with what comes: a clock that runs so wrong that its rate cannot be what is stated, one that is far off, samples that had all come before.
     pub fn doubts(&mut self) -> Vec<String> {
         let doubt = |lane: &mut Lane| {
             let doubt = lane.doubt()?;
@@ -424,6 +429,7 @@ impl Intake {
                 ledger: lane.ledger,
                 counted_since: lane.counted_since.unwrap_or(origin),
                 clock: lane.drift.estimate(),
+                offset_s: lane.offset.estimate_s(),
                 doubt: lane.doubt(),
                 stated_until: lane.stated_until,
                 rate_hz: lane.described.rate_hz,

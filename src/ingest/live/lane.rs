@@ -3,6 +3,7 @@
 use super::Refusal;
 use super::drift::Drift;
 use super::ledger::Ledger;
+use super::offset::Offset;
 use crate::capture::live::LiveChannel;
 use crate::capture::received::NumberType;
 use crate::capture::received::RawSamples;
@@ -60,6 +61,7 @@ pub(super) struct Lane {
     /// Time that the sender states of one past its newest sample, UTC; `None`: it states none.
     pub(super) stated_until: Option<Timestamp>,
     pub(super) drift: Drift,
+    pub(super) offset: Offset,
     /// Samples in a row that had come before.
     repeated: u64,
 }
@@ -161,6 +163,7 @@ impl Lane {
             counted_since: None,
             stated_until: None,
             drift: Drift::default(),
+            offset: Offset::default(),
             repeated: 0,
         })
     }
@@ -180,6 +183,7 @@ impl Lane {
         self.anchor = None;
         self.gaps.clear();
         self.drift = Drift::default();
+        self.offset = Offset::default();
         self.repeated = 0;
     }
 
@@ -193,7 +197,8 @@ impl Lane {
                  epoch than {epoch}"
             ));
         }
-        self.drift.estimate()?.doubt(rate_hz)
+        let drift = self.drift.estimate().and_then(|estimate| estimate.doubt(rate_hz));
+        drift.or_else(|| self.offset.doubt())
     }
 
     /// Takes over what another description of the channel has counted and where it has come to.

@@ -2,13 +2,14 @@
 //!
 //! ```text
 //! frames ──▶ Session ──▶ Intake: one a machine ──▶ blocks, Received
-//!            turns,      Lane: one a channel: place, Ledger, Drift
+//!            turns,      Lane: one a channel: place, Ledger, Drift, Offset
 //!            credit
 //! ```
 //!
 //! Pure: the time is an argument, sockets and queues are `app`'s. Must not know what becomes of the samples.
 
 pub mod drift;
+pub mod offset;
 pub mod ledger;
 mod lane;
 mod openings;

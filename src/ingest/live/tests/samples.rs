@@ -194,6 +194,29 @@ fn a_clock_that_drifts_is_seen_by_arrivals() {
     assert!((clock.ppm - 2000.0).abs() < 10.0 && clock.is_wrong_rate(), "{clock:?}");
 }
 
+#[test]
+fn a_senders_clock_that_is_behind_or_ahead_is_told_until_it_is_set() {
+    for (behind_s, what) in [(300.0, "300 s after"), (-5.0, "5.0 s before")] {
+        let mut intake = intake();
+        admit(&mut intake, 1, 0.0, &hello(1, vec![channel("x", SampleType::I16)])).unwrap();
+        let mut send = |k: u64, behind_s: f64| {
+            let owned = Owned::ramp(k, 1000 * k, 1000, 1000.0 + k as f64 - behind_s);
+            take(&mut intake, 1, &owned, 1001.0 + k as f64).unwrap();
+            let status = intake.status().remove(0);
+            (status.offset_s, status.doubt)
+        };
+        let first = (0..60).map(|k| send(k, behind_s)).last().unwrap();
+        assert_eq!(first, (None, None), "nothing is said before a minute is over");
+        let (offset_s, doubt) = (60..70).map(|k| send(k, behind_s)).last().unwrap();
+        assert!((offset_s.unwrap() - behind_s).abs() < 1e-6, "{offset_s:?}");
+        let doubt = doubt.unwrap();
+        assert!(doubt.contains(what), "{doubt}");
+        // It is set.
+        let (_, doubt) = (70..400).map(|k| send(k, 0.0)).last().unwrap();
+        assert_eq!(doubt, None);
+    }
+}
+
 /// What happens to the sender of a channel.
 #[derive(Debug, Clone)]
 enum Happens {
