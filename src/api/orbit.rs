@@ -2,8 +2,8 @@
 
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
-use super::pairs::{pairs, partner, together, worse};
-use super::signals::{MAX_SAMPLES, Run, fetch};
+use super::pairs::{fetch_pair, pairs, partner, together, worse};
+use super::signals::{MAX_SAMPLES, Run};
 use super::state::{ApiState, channel, newest};
 use super::turning::{Turner, Watched, last_whole};
 use super::view::MachineView;
@@ -37,7 +37,7 @@ pub(super) struct OrbitQuery {
     /// Whole revolutions of the shaft, the newest.
     #[param(minimum = 1, maximum = 64, default = 4)]
     revolutions: Option<usize>,
-    /// One past the last sample; the newest by default.
+    /// One past the last sample of x; the newest by default, of which both are held.
     end: Option<u64>,
     /// At most this many points, at equal steps.
     #[param(minimum = 16, maximum = 20_000, default = 4000)]
@@ -78,10 +78,7 @@ pub(super) async fn orbit(
             "{revolutions} revolutions are {n_wanted} samples, allowed are {MAX_SAMPLES}"
         )));
     }
-    let run_x = fetch(&state, &id, &x, query.end, n_wanted).await?;
-    // The same samples of both.
-    let end = run_x.waveform.start + run_x.waveform.samples.len() as u64;
-    let run_y = fetch(&state, &id, &y, Some(end), n_wanted).await?;
+    let (run_x, run_y) = fetch_pair(&state, &id, (&x, &y), query.end, n_wanted).await?;
     let watched = turner.watch(&state, &id, &run_x).await?;
     let request = OrbitRequest { channels: [x, y], revolutions, max_points };
     state.compute(move || request.compute(&view.machine, &run_x, &run_y, &watched)).await.map(Json)

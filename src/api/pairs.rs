@@ -1,7 +1,9 @@
 //! Two channels of one place: who is whose partner, and the samples that both hold.
 
 use super::error::ApiError;
-use super::signals::Run;
+use super::signals::{Run, fetch};
+use super::state::{ApiState, newest};
+use super::view::End;
 use super::wire::signals::Validity;
 use crate::dsp::real::floor_index;
 use crate::machine::Machine;
@@ -26,6 +28,35 @@ pub(super) fn partner<'m>(
 pub(super) fn pairs(machine: &Machine) -> impl Iterator<Item = (&str, &str)> {
     let channel = |index: usize| machine.sensors[index].channel.as_str();
     machine.sensor_pairs().into_iter().map(move |pair| (channel(pair.x), channel(pair.y)))
+}
+
+/// Asks for runs of two channels over one time, at most `max_samples` of each: before sample `end` of x, or, without one, the newest
+/// that both hold. By time, as [`together`] joins them: a sample of one sender has another index at the other.
+pub(super) async fn fetch_pair(
+    state: &ApiState,
+    machine: &str,
+    (x, y): (&str, &str),
+    end: Option<u64>,
+    max_samples: usize,
+) -> Result<(Run, Run), ApiError> {
+    let mut run_x = fetch(state, machine, x, end, max_samples).await?;
+    let end_s = run_x.end_s();
+    let mut run_y = fetch(state, machine, y, End::At(end_s), max_samples).await?;
+    if end.is_some() {
+        return Ok((run_x, run_y));
+    }
+    let reached_s = run_y.end_s();
+    if reached_s + 0.5 / run_y.info.sample_rate.0 < end_s {
+        // The newest samples of y are behind: blocks of two senders do not come together.
+        let is_stale = run_x.validity == Validity::Stale;
+        run_x = fetch(state, machine, x, End::At(reached_s), max_samples).await?;
+        run_y = fetch(state, machine, y, End::At(reached_s), max_samples).await?;
+        run_x.validity = if is_stale { Validity::Stale } else { run_x.validity };
+    }
+    if newest(state.machine(machine)?).is_stale(y) {
+        run_y.validity = Validity::Stale;
+    }
+    Ok((run_x, run_y))
 }
 
 /// First sample of x at an instant, to half a sample, that two runs share, and the samples of both from there on, equally many.

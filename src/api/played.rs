@@ -3,8 +3,9 @@
 use super::handles::{NotTaken, ScenarioRequest, SimulationHandle};
 use super::support::{Behaviour, channel_infos, ring_status, sample};
 use super::tests::baselines::sample_measured;
-use super::view::{AlarmHistory, ShardRequest, Trend, Waveform};
+use super::view::{AlarmHistory, End, ShardRequest, Trend, Waveform};
 use crate::alarms::{AlarmEngine, Moment};
+use crate::dsp::real::floor_index;
 use crate::ingest::simulated::{Lag, Status};
 use crate::simulator::scenario::{ScenarioError, Wanted};
 use crate::simulator::scene::Faults;
@@ -12,6 +13,9 @@ use crate::units::Unit;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use tokio::sync::watch;
+
+/// Index at which the other of two senders stands where the first has 0.
+const SECOND_SENDER: u64 = 1_000_000;
 
 /// A simulated source that takes combinations of a bad bearing only.
 pub(super) fn sample_simulation(behaviour: Behaviour) -> SimulationHandle {
@@ -65,7 +69,7 @@ pub(super) fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, beh
         // A client that no longer waits is no fault.
         match request {
             ShardRequest::Waveform { channel, end, max_samples, reply } => {
-                let _ = reply.send(held(channel, end, max_samples));
+                let _ = reply.send(held(channel, end, max_samples, behaviour));
             }
             ShardRequest::Trend { reply, .. } => {
                 let _ = reply.send(sample_trend());
@@ -105,13 +109,21 @@ pub(super) fn shard(inbox: &Receiver<ShardRequest>, mut engine: AlarmEngine, beh
     }
 }
 
-fn held(channel: usize, end: Option<u64>, max_samples: usize) -> Option<Waveform> {
+fn held(channel: usize, end: End, max_samples: usize, behaviour: Behaviour) -> Option<Waveform> {
     let info = &channel_infos()[channel];
     let ring = ring_status(info);
-    let end = end.unwrap_or(u64::MAX).min(ring.newest.0);
+    // What the channel's sender counts from.
+    let first = if channel == 1 && behaviour == Behaviour::TwoSenders { SECOND_SENDER } else { 0 };
+    let end = match end {
+        End::Newest => u64::MAX,
+        End::Before(end) => end.saturating_sub(first),
+        End::At(time_s) => floor_index((time_s * info.sample_rate.0 - 1e-3).ceil()) as u64,
+    };
+    // The other sender is behind by some samples.
+    let end = end.min(ring.newest.0 - if first > 0 { 100 } else { 0 });
     let start = end.saturating_sub(max_samples as u64).max(ring.oldest.0);
     (start < end).then(|| Waveform {
-        start,
+        start: start + first,
         start_time_s: start as f64 / info.sample_rate.0,
         samples: (start..end).map(|i| sample(channel, i)).collect(),
     })

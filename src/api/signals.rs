@@ -3,7 +3,7 @@
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
 use super::state::{ApiState, channel, newest};
-use super::view::{MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, Waveform};
+use super::view::{End, MAX_WAVEFORM_SAMPLES, MachineView, ShardRequest, Waveform};
 use super::wire::problem::ProblemWire;
 use super::wire::signals::{ChannelListWire, ChannelWire, LedgerWire, Validity, WaveformWire};
 use super::wire::{finite, finite_column};
@@ -160,14 +160,22 @@ pub(super) struct Run {
     pub(super) validity: Validity,
 }
 
+impl Run {
+    /// Stream time of one past the last sample, s.
+    pub(super) fn end_s(&self) -> f64 {
+        self.waveform.start_time_s + self.waveform.samples.len() as f64 / self.info.sample_rate.0
+    }
+}
+
 /// Asks a machine's shard for the newest `max_samples` samples of a channel before `end`.
 pub(super) async fn fetch(
     state: &ApiState,
     machine: &str,
     name: &str,
-    end: Option<u64>,
+    end: impl Into<End>,
     max_samples: usize,
 ) -> Result<Run, ApiError> {
+    let end = end.into();
     let handle = state.machine(machine)?;
     let view = newest(handle);
     let (index, info) = channel(&view, name)?;
@@ -175,11 +183,14 @@ pub(super) async fn fetch(
     let held = state.ask(handle, question).await?.filter(|waveform| !waveform.samples.is_empty());
     let Some(waveform) = held else {
         let ring = view.rings.get(index).copied().unwrap_or_default();
+        let before = match end {
+            End::Newest => String::new(),
+            End::Before(end) => format!(" before sample {end}"),
+            End::At(time_s) => format!(" before {time_s:.3} s of stream time"),
+        };
         return Err(ApiError::NotFound(format!(
-            "no samples of {name:?} are held{}; held are {} to {}",
-            end.map(|end| format!(" before sample {end}")).unwrap_or_default(),
-            ring.oldest.0,
-            ring.newest.0
+            "no samples of {name:?} are held{before}; held are {} to {}",
+            ring.oldest.0, ring.newest.0
         )));
     };
     let validity = validity(&view, info, &waveform, end, max_samples);
@@ -192,19 +203,24 @@ fn validity(
     view: &MachineView,
     info: &ChannelInfo,
     waveform: &Waveform,
-    end: Option<u64>,
+    end: End,
     wanted: usize,
 ) -> Validity {
     let is_clipped =
         |(low, high): (f32, f32)| waveform.samples.iter().any(|x| *x <= low || *x >= high);
-    let held_end = waveform.start + waveform.samples.len() as u64;
-    if end.is_none() && view.is_stale(&info.name) {
+    let n_held = waveform.samples.len();
+    let is_short = match end {
+        End::Newest => false,
+        End::Before(end) => waveform.start + (n_held as u64) < end,
+        End::At(time_s) => {
+            (time_s - waveform.start_time_s) * info.sample_rate.0 > n_held as f64 + 0.5
+        }
+    };
+    if end == End::Newest && view.is_stale(&info.name) {
         Validity::Stale
     } else if info.full_scale.is_some_and(is_clipped) {
         Validity::Clipped
-    } else if (waveform.samples.len() < wanted && waveform.start > 0)
-        || end.is_some_and(|end| held_end < end)
-    {
+    } else if is_short || n_held < wanted && waveform.start > 0 {
         Validity::Gap
     } else {
         Validity::Ok

@@ -3,7 +3,7 @@
 use super::bins::{Bins, Wanted, wanted_bins};
 use super::error::ApiError;
 use super::extract::{Path, Query, State, in_range};
-use super::pairs::{partner, together, worse};
+use super::pairs::{fetch_pair, partner, together, worse};
 use super::recent::Key;
 use super::signals::{MAX_POINTS, MAX_SAMPLES, Run, fetch, samples_in};
 use super::state::{ApiState, channel, newest};
@@ -125,19 +125,17 @@ async fn computed(
     let (_, info) = channel(&view, name)?;
     let sensor = view.machine.sensors.iter().find(|sensor| sensor.channel == name);
     let request = SpectrumRequest::new(query, info, sensor)?;
-    let run = fetch(state, id, name, query.end, request.n_wanted()).await?;
-    let other = if query.kind == SpectrumKind::Absolute {
+    let n_wanted = request.n_wanted();
+    let (run, other) = if query.kind == SpectrumKind::Absolute {
         let other = match query.with.as_deref() {
             Some(other) => other,
             None => partner(&view.machine, name, "with")?,
         };
         channel(&view, other)?;
-        // The same samples of both: the shorter end of the two decides.
-        let end = run.waveform.start + run.waveform.samples.len() as u64;
-        let n_samples = run.waveform.samples.len();
-        Some((other.to_owned(), fetch(state, id, other, Some(end), n_samples).await?))
+        let (run, its) = fetch_pair(state, id, (name, other), query.end, n_wanted).await?;
+        (run, Some((other.to_owned(), its)))
     } else {
-        None
+        (fetch(state, id, name, query.end, n_wanted).await?, None)
     };
     let watched = if query.kind == SpectrumKind::Order {
         Some(Turner::of_channel(&view, name)?.watch(state, id, &run).await?)

@@ -172,6 +172,8 @@ pub(crate) enum Behaviour {
     Silent,
     /// Takes no request.
     Full,
+    /// Answers; the second channel comes from another sender, that counts from elsewhere.
+    TwoSenders,
 }
 
 /// Length of the page `/large`, bytes: two find room among the answers that wait, a third does not.

@@ -5,7 +5,7 @@
 use super::error::ApiError;
 use super::signals::{MAX_SAMPLES, Run, samples_in};
 use super::state::ApiState;
-use super::view::{MachineView, ShardRequest, Waveform};
+use super::view::{End, MachineView, ShardRequest, Waveform};
 use super::wire::signals::AngleFrom;
 use crate::dsp::order::PhaseTrack;
 use crate::features::sensor::SensorReading;
@@ -82,7 +82,6 @@ impl Turner {
         machine: &str,
         run: &Run,
     ) -> Result<Watched, ApiError> {
-        let run_end = run.waveform.start + run.waveform.samples.len() as u64;
         let Some((sensor, channel, rate_hz)) = self.tacho() else {
             return Ok(Watched { turner: self, pulses: None });
         };
@@ -93,7 +92,7 @@ impl Turner {
             reason = "float to int casts saturate, and the number is not negative"
         )]
         let at = |samples: f64| (samples * ratio).ceil() as u64;
-        let end = Some(at(run_end as f64));
+        let end = End::At(run.end_s());
         // A speed needs some pulses, however short the run is.
         let before = PULSED_REVOLUTIONS / self.speed.0 * run.info.sample_rate.0;
         let length = at(run.waveform.samples.len() as f64 + before);

@@ -123,6 +123,23 @@ fn tells_of_missing_data(alarm: &Alarm) -> bool {
 /// Most samples of one [`Waveform`]: 16 MiB, which a shard copies in a few milliseconds.
 pub const MAX_WAVEFORM_SAMPLES: usize = 4_194_304;
 
+/// Where a run of samples ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum End {
+    /// With the newest one.
+    Newest,
+    /// Before this index.
+    Before(u64),
+    /// Before this stream time, s.
+    At(f64),
+}
+
+impl From<Option<u64>> for End {
+    fn from(end: Option<u64>) -> Self {
+        end.map_or(Self::Newest, Self::Before)
+    }
+}
+
 /// A run of raw samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Waveform {
@@ -148,13 +165,12 @@ pub struct Trend {
 /// What HTTP may ask a shard.
 #[derive(Debug)]
 pub enum ShardRequest {
-    /// The newest contiguous run of at most `max_samples` samples that ends at or before `end`
-    /// (`None`: the newest).
+    /// The newest contiguous run of at most `max_samples` samples that ends at or before `end`.
     Waveform {
         /// Place in [`MachineView::channels`].
         channel: usize,
-        /// One past the last sample wanted.
-        end: Option<u64>,
+        /// Where it ends.
+        end: End,
         /// At most this many, [`MAX_WAVEFORM_SAMPLES`] at most.
         max_samples: usize,
         /// `None` when nothing is held.

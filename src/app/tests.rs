@@ -14,6 +14,7 @@ use super::source;
 use super::start_error::StartError;
 use super::stop::Stop;
 use crate::alarms::AlarmEngine;
+use crate::api::view::End;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
@@ -223,20 +224,22 @@ fn a_finished_machine_still_answers() {
         running.link.ask(request).unwrap();
         answer.blocking_recv().unwrap()
     };
-    let newest = ask(None, 4).unwrap();
+    let newest = ask(End::Newest, 4).unwrap();
     assert_eq!((newest.start, newest.samples), (2996, vec![2996.0, 2997.0, 2998.0, 2999.0]));
     assert!((newest.start_time_s - 2.996).abs() < 1e-9);
-    let earlier = ask(Some(10), usize::MAX).unwrap();
+    let earlier = ask(End::Before(10), usize::MAX).unwrap();
     assert_eq!((earlier.start, earlier.samples.len()), (0, 10));
-    assert_eq!(ask(Some(0), 4), None);
+    assert_eq!(ask(End::Before(0), 4), None);
+    let by_time = ask(End::At(1.5), 4).unwrap();
+    assert_eq!(by_time.samples, [1496.0, 1497.0, 1498.0, 1499.0]);
     let (reply, answer) = oneshot::channel();
-    let nowhere = ShardRequest::Waveform { channel: 7, end: None, max_samples: 1, reply };
+    let nowhere = ShardRequest::Waveform { channel: 7, end: End::Newest, max_samples: 1, reply };
     running.link.ask(nowhere).unwrap();
     assert_eq!(answer.blocking_recv().unwrap(), None);
     let (reply, gone) = oneshot::channel();
     drop(gone); // the client has left: the shard does not mind
     running.link.ask(ShardRequest::Trend { channel: 0, reply }).unwrap();
-    assert!(ask(None, 1).is_some());
+    assert!(ask(End::Newest, 1).is_some());
     running.end();
 }
 

@@ -1,6 +1,6 @@
 //! What is shown over the angle of a shaft, and by its spacing: orbits, orders, revolutions of a scalogram, cepstra.
 
-use crate::api::support::{HELD_FROM, Service};
+use crate::api::support::{Behaviour, HELD_FROM, Service};
 use crate::machine::file;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -87,6 +87,26 @@ async fn an_orbit_is_whole_revolutions_from_mark_to_mark_of_the_pair_in_its_orde
     assert_eq!(thin["step"], 8);
     assert!(column(&thin, "x").len() <= 100);
     assert_eq!(thin["validity"], "ok");
+}
+
+#[tokio::test]
+async fn probes_of_two_senders_are_joined_by_their_times() {
+    let orbit = async |service: Service| {
+        let machine = Arc::new(file::parse(WATCHED, "rig.toml").unwrap());
+        service.view.send_modify(|view| Arc::make_mut(view).machine = machine);
+        service.get(&format!("{MACHINE}/orbit?revolutions=3")).await.json()
+    };
+    let one = orbit(Service::new()).await;
+    let two = orbit(Service::with(Behaviour::TwoSenders, |_| {})).await;
+    assert_eq!((&two["validity"], &two["angle_from"]), (&json!("ok"), &json!("mark")), "{two}");
+    // The newest that both hold: some samples earlier, so maybe a revolution.
+    let at = |orbit: &Value| orbit["start_sample"].as_u64().unwrap();
+    assert!((0..=356 + 4).contains(&(at(&one) - at(&two))), "{} {}", at(&one), at(&two));
+    assert_eq!(two["revolutions"], 3.0);
+    let path = format!("{MACHINE}/channels/right_x/spectrum?kind=absolute");
+    let service = Service::with(Behaviour::TwoSenders, |_| {});
+    let spectrum = service.get(&path).await.json();
+    assert_eq!(spectrum["channel"], "right_x+right_y", "{spectrum}");
 }
 
 #[tokio::test]

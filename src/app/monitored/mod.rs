@@ -18,11 +18,9 @@ use super::trend::VerdictStore;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
 use crate::alarms::AlarmEvent;
-use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::ShardRequest;
 use crate::api::view::SourceState;
-use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::features::ChannelFeatures;
@@ -33,9 +31,7 @@ use crate::pipeline::Monitor;
 use crate::pipeline::Outcome;
 use crate::pipeline::Plans;
 use crate::signal::Block;
-use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
-use crate::signal::SampleIndex;
 use crate::signal::Timestamp;
 use crate::telemetry::Metrics;
 use std::panic::AssertUnwindSafe;
@@ -443,16 +439,6 @@ impl Monitored {
                 self.meters.machine.verdict_latency_s.observe(latency.as_secs_f64());
             }
         }
-    }
-
-    fn waveform(&self, channel: usize, end: Option<u64>, max_samples: usize) -> Option<Waveform> {
-        let monitor = self.monitor.as_ref().filter(|_| channel < self.channels.len())?;
-        let ring = monitor.ring(ChannelIndex(channel));
-        let end = ring.newest_before(SampleIndex(end.unwrap_or(u64::MAX)))?;
-        let (start, len) = ring.contiguous_before(end, max_samples.min(MAX_WAVEFORM_SAMPLES));
-        let mut samples = vec![0.0; len];
-        let start_time_s = ring.time_of(start)?;
-        ring.copy(start, &mut samples).then_some(Waveform { start: start.0, start_time_s, samples })
     }
 
     fn note_source(&mut self, state: SourceState) {

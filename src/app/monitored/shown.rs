@@ -4,8 +4,11 @@
 
 use super::Monitored;
 use crate::alarms::load::Load;
+use crate::api::view::End;
+use crate::api::view::MAX_WAVEFORM_SAMPLES;
 use crate::api::view::MachineView;
 use crate::api::view::SourceState;
+use crate::api::view::Waveform;
 use crate::buffer::RingStatus;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::State;
@@ -15,6 +18,8 @@ use crate::diagnosis::verdict::Coverage;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::machine::Machine;
 use crate::pipeline::Monitor;
+use crate::signal::ChannelIndex;
+use crate::signal::SampleIndex;
 use std::sync::Arc;
 
 /// Why a component that was not there at the newest verdict is undetermined.
@@ -32,6 +37,26 @@ impl Monitored {
         let is_silent = self.alarms().no_data().is_some();
         let changes = self.health.renew(&described, is_silent, stream_s);
         self.keep(Vec::new(), changes);
+    }
+
+    /// The newest contiguous samples of a channel before `end`, at most `max_samples`.
+    pub(super) fn waveform(
+        &self,
+        channel: usize,
+        end: End,
+        max_samples: usize,
+    ) -> Option<Waveform> {
+        let monitor = self.monitor.as_ref().filter(|_| channel < self.channels.len())?;
+        let ring = monitor.ring(ChannelIndex(channel));
+        let end = match end {
+            End::Newest => ring.newest_before(SampleIndex(u64::MAX)),
+            End::Before(index) => ring.newest_before(SampleIndex(index)),
+            End::At(time_s) => ring.end_at(time_s),
+        }?;
+        let (start, len) = ring.contiguous_before(end, max_samples.min(MAX_WAVEFORM_SAMPLES));
+        let mut samples = vec![0.0; len];
+        let start_time_s = ring.time_of(start)?;
+        ring.copy(start, &mut samples).then_some(Waveform { start: start.0, start_time_s, samples })
     }
 
     /// Publishes a snapshot.
