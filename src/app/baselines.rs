@@ -20,6 +20,7 @@ use crate::machine::Machine;
 use crate::machine::file;
 use crate::offline;
 use crate::offline::Reference;
+use crate::offline::names;
 use crate::store::Act;
 use crate::store::BaselineStore;
 use crate::store::SqliteBaselines;
@@ -36,11 +37,16 @@ use tokio::sync::oneshot;
 /// Time between two looks at the store.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Measures the healthy captures that the configuration names for a machine.
+/// Measures the healthy captures that the configuration names for a machine, each once however often it is named.
 pub(super) fn named(entry: &MachineConfig) -> Result<Baseline, StartError> {
     let reference = Reference { machine: Some(Arc::clone(&entry.machine)), ..Reference::default() };
     let machine = entry.machine.id.as_str();
-    let records = entry.baseline.iter().map(|file| {
+    let (files, again) = names::distinct(&entry.baseline);
+    for (file, earlier) in again {
+        let (file, earlier) = (file.display(), earlier.display());
+        tracing::warn!(machine, %file, %earlier, "a baseline is an earlier one by another name, counted once");
+    }
+    let records = files.into_iter().map(|file| {
         let learned = offline::learn_and_judge(file, &reference, &mut |_| ());
         let (record, accused) = learned.map_err(|source| StartError::Baseline {
             machine: machine.to_owned(),

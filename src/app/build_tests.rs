@@ -3,6 +3,11 @@
 use super::super::tests::machine;
 use super::*;
 use crate::capture::hints::Hints;
+use crate::capture::writer::CaptureHeader;
+use crate::capture::writer::CaptureWriter;
+use crate::capture::writer::ChannelHeader;
+use crate::capture::writer::ChannelSamples;
+use crate::capture::writer::ChannelStorage;
 use crate::config::FileText;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
@@ -42,6 +47,27 @@ fn stream(n_channels: usize) -> Result<Stream, String> {
         received: Vec::new(),
     };
     Ok(Stream { info, simulated: None })
+}
+
+#[test]
+fn a_baseline_that_is_named_twice_is_one() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let [file, link] = ["healthy.h5", "again.h5"].map(|name| folder.path().join(name));
+    let samples: Vec<f64> = (0..12_000).map(|i| (0.3 * f64::from(i)).sin()).collect();
+    let mut writer = CaptureWriter::create(&file, &CaptureHeader::default()).unwrap();
+    let header = ChannelHeader {
+        name: "x".to_owned(),
+        sample_rate: Hz(1000.0),
+        unit: Some("m/s^2".to_owned()),
+        sensor: None,
+        storage: ChannelStorage::Contiguous,
+    };
+    writer.channel(&header, ChannelSamples::F64(&samples)).unwrap();
+    writer.finish().unwrap();
+    std::os::unix::fs::symlink(&file, &link).unwrap();
+    let baseline = vec![file.clone(), link, file];
+    let named = baselines::named(&MachineConfig { baseline, ..entry("rig-1") }).unwrap();
+    assert_eq!(named.records.len(), 1);
 }
 
 #[test]

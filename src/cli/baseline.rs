@@ -20,6 +20,7 @@ use crate::diagnosis::baseline::signed::Signed;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::offline::names;
 use crate::store;
 use crate::store::Act;
 use crate::store::BaselineStore;
@@ -237,7 +238,7 @@ fn learn(arguments: &LearnArguments) -> Result<String, BaselineError> {
     let progress = Progress::new(true);
     let mut records: Vec<Record> = Vec::new();
     let mut warnings = String::new();
-    let (captures, again) = input::distinct(&arguments.captures);
+    let (captures, again) = names::distinct(&arguments.captures);
     for (file, earlier) in again {
         let (file, earlier) = (file.display(), earlier.display());
         warnings

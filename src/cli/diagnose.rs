@@ -30,6 +30,7 @@ use crate::evidence::again::Again;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::offline::names;
 use crate::units::Hz;
 use clap::Args;
 use clap::ValueEnum;
@@ -218,7 +219,7 @@ fn diagnose_all(arguments: &Arguments) -> Result<Tally, DiagnoseError> {
             ..FalseAlarms::default()
         },
     };
-    let (baselines, repeated) = input::distinct(&arguments.baseline);
+    let (baselines, repeated) = names::distinct(&arguments.baseline);
     let held = Held { repeated: repeated.into_iter().map(same_record).collect(), baselines };
     reference.baseline = learn(&held.baselines, &reference, &progress)?;
     let mut output = Output::open(arguments.out.as_deref(), &spared)?;
@@ -321,7 +322,7 @@ impl Held<'_> {
     /// Lists what was given twice, and warns of a capture that is held against itself.
     fn tell(&self, file: &Path, diagnosis: &mut Diagnosis) {
         diagnosis.baselines.extend(self.repeated.iter().cloned());
-        if self.baselines.iter().any(|baseline| input::is_same(baseline, file)) {
+        if self.baselines.iter().any(|baseline| names::is_same(baseline, file)) {
             let warning = format!(
                 "{} is its own baseline: held against itself nothing has changed; give records of good health other than it",
                 file.display()

@@ -5,11 +5,9 @@ use crate::capture::content::Content;
 use crate::machine::Machine;
 use crate::machine::file;
 use crate::machine::file::MachineFileErrors;
-use std::fs;
 use std::fs::File;
 use std::io;
 use std::io::Read;
-use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -214,26 +212,6 @@ fn by_headings(text: &str) -> (bool, bool) {
     (begins("[machine]"), configuration)
 }
 
-/// Whether two names lead to one file: by another path or by links.
-#[must_use]
-pub fn is_same(one: &Path, other: &Path) -> bool {
-    let identity = |file: &Path| fs::metadata(file).ok().map(|found| (found.dev(), found.ino()));
-    one == other || identity(one).is_some_and(|of_one| identity(other) == Some(of_one))
-}
-
-/// Files that are each another one, and those that an earlier one is already, with that.
-#[must_use]
-pub fn distinct(files: &[PathBuf]) -> (Vec<&PathBuf>, Vec<(&PathBuf, &PathBuf)>) {
-    let (mut once, mut again): (Vec<&PathBuf>, Vec<_>) = (Vec::new(), Vec::new());
-    for file in files {
-        match once.iter().find(|earlier| is_same(earlier, file)) {
-            Some(earlier) => again.push((file, *earlier)),
-            None => once.push(file),
-        }
-    }
-    (once, again)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -267,7 +245,7 @@ mod tests {
         let path = dir.path().join("rig.toml");
         let text = b"[machine]\nid = 'm'\nname = 'Pr\xfcfstand'\n";
         for begin in [&b""[..], b"[scene]\n", b"[[source]]\n"] {
-            fs::write(&path, [begin, text].concat()).unwrap();
+            std::fs::write(&path, [begin, text].concat()).unwrap();
             let line = if begin.is_empty() { 3 } else { 4 };
             let told = format!("rig.toml:{line}: not UTF-8: byte 0xfc");
             for error in [kind(&path).unwrap_err(), machine(&path).unwrap_err()] {
@@ -300,22 +278,5 @@ mod tests {
         assert!(text.ends_with("not a capture: name it with --machine"), "{text}");
         assert!(not_a_capture(&capture).is_none());
         assert!(matches!(kind(dir.path()), Err(InputError::Read { .. })));
-    }
-
-    #[test]
-    fn one_file_is_one_by_whatever_path_or_link() {
-        let dir = tempfile::tempdir().unwrap();
-        let at = |name: &str| dir.path().join(name);
-        for name in ["x.h5", "y.h5"] {
-            fs::write(at(name), "the same").unwrap();
-        }
-        std::os::unix::fs::symlink(at("x.h5"), at("soft.h5")).unwrap();
-        fs::hard_link(at("x.h5"), at("hard.h5")).unwrap();
-        let names = ["x.h5", "./x.h5", "y.h5", "soft.h5", "hard.h5", "absent.h5", "absent.h5"];
-        let files = names.map(at);
-        let (once, again) = distinct(&files);
-        assert_eq!(once, [&files[0], &files[2], &files[5]]);
-        let of_x = [&files[1], &files[3], &files[4]].map(|file| (file, &files[0]));
-        assert_eq!(again, [&of_x[..], &[(&files[6], &files[5])]].concat());
     }
 }

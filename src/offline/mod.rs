@@ -2,6 +2,8 @@
 //! healthy captures become baselines; the same `Monitor` as in the daemon. Must not know the clock,
 //! the terminal or documents.
 
+pub mod names;
+
 use crate::capture::error::CaptureError;
 use crate::capture::hints::Hints;
 use crate::capture::info::CaptureInfo;

@@ -17,6 +17,7 @@ use crate::machine::Machine;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
+use crate::offline::names;
 use cpu_time::ThreadTime;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -144,7 +145,7 @@ impl Task {
     ) -> Result<Baseline, String> {
         let mut records = Vec::new();
         let files: Vec<PathBuf> = row.baseline.iter().map(|name| self.folder.join(name)).collect();
-        let (once, _) = input::distinct(&files);
+        let (once, _) = names::distinct(&files);
         for (name, file) in row.baseline.iter().zip(&files) {
             if !once.iter().any(|kept| std::ptr::eq(*kept, file)) {
                 continue; // An earlier one is the same record.
