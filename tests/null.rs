@@ -208,6 +208,7 @@ impl Bench {
             baseline,
             runs: baseline,
             offered_baselines: 1,
+            void_baselines: None,
             false_alarm_probability: rotorwatch::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         };
         let verdicts = diagnosis::assess(features, &context);

@@ -39,6 +39,8 @@ pub struct Context<'a> {
     pub runs: &'a Baseline,
     /// Healthy records offered, whatever their speed.
     pub offered_baselines: usize,
+    /// Why nothing can be held against any of them, whatever the speed; `None`: something can, or none was offered.
+    pub void_baselines: Option<&'a str>,
     /// Probability with which a component may be accused falsely in this decision.
     pub false_alarm_probability: f64,
 }

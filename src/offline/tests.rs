@@ -66,6 +66,8 @@ fn units_that_nobody_knows_and_baselines_in_others_are_told() {
     assert_eq!((used.used, used.reason.as_str()), (false, reason));
     let told = format!("baseline {} is not used: {reason}", healthy.display());
     assert!(found.warnings.contains(&told), "{:?}", found.warnings);
+    let shaft = found.components.iter().find(|one| one.id == "s").unwrap();
+    assert_eq!(shaft.why, format!("no baseline that can be used: {reason}"));
     let found = diagnose(&healthy, &against, &mut |_| ()).unwrap();
     assert!(found.baselines.iter().all(|one| one.used), "what is said alike is wrong alike");
 }

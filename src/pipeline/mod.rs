@@ -326,6 +326,7 @@ impl Monitor {
         let point = OperatingPoint { speed: features.speed.first, load: features.load };
         let (baseline, uses) = self.baseline.at(&point, &self.machine.limits.load_bins);
         let has_run = !features.laws.is_empty();
+        let void = if baseline.records.is_empty() { self.baseline.why_void() } else { None };
         let runs = if has_run { self.baseline.of_runs() } else { Baseline::default() };
         let context = Context {
             machine: &self.machine,
@@ -334,6 +335,7 @@ impl Monitor {
             baseline: &baseline,
             runs: &runs,
             offered_baselines: uses.len(),
+            void_baselines: void.as_deref(),
             false_alarm_probability: self.settings.false_alarms.per_decision,
         };
         let judged = summary::judge_window(&features, self.segment.unwrap_or(0), &context, uses);

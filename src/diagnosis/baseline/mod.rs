@@ -28,6 +28,7 @@ use crate::features::run_up;
 use crate::signal::ChannelInfo;
 use crate::units::Unit;
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Scatter (1σ of the logarithm) assumed when there are too few records to measure it.
@@ -122,6 +123,14 @@ impl Baseline {
         let used = self.records.iter().zip(&uses).filter(|(_, told)| told.used);
         let records = used.map(|(record, _)| record.clone()).collect();
         (Self { records, provisional: self.provisional }, uses)
+    }
+
+    /// Why nothing can be held against any of the records, at whatever speed; `None`: something can, or there is none.
+    #[must_use]
+    pub fn why_void(&self) -> Option<String> {
+        let reasons: Option<BTreeSet<String>> = self.records.iter().map(Record::why_void).collect();
+        let reasons = reasons.filter(|reasons| !reasons.is_empty())?;
+        Some(reasons.into_iter().collect::<Vec<_>>().join("; "))
     }
 
     /// What does not depend on the speed: the parts of bow and unbalance in the runs of all records.
@@ -312,8 +321,10 @@ mod tests {
         let (acceleration, velocity) = (Unit::MetrePerSecondSquared, Unit::MillimetrePerSecond);
         let used = |was: ChannelInfo, now: ChannelInfo| {
             let record = Record { channels: vec![was], ..record("a", 10.0, 1.0) };
-            let (left, told) = of(vec![record]).in_units_of(&[now]).at(&at(10.0, None), &[]);
+            let voided = of(vec![record]).in_units_of(&[now]);
+            let (left, told) = voided.at(&at(10.0, None), &[]);
             assert_eq!((told.len(), left.records.len()), (1, usize::from(told[0].used)));
+            assert_eq!(voided.why_void(), (!told[0].used).then(|| told[0].reason.clone()));
             (!told[0].used).then(|| told[0].reason.clone())
         };
         let plain = || channel(acceleration, None);

@@ -248,6 +248,7 @@ fn told_of(
         baseline: &baseline,
         runs: &Baseline::default(),
         offered_baselines: 1,
+        void_baselines: None,
         false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context)

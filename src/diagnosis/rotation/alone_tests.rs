@@ -63,6 +63,7 @@ fn judged(healthy: &Heard<'_>, now: &Heard<'_>, rate: Hz) -> ComponentDiagnosis 
             baseline: &baseline,
             runs: &Baseline::default(),
             offered_baselines: 1,
+            void_baselines: None,
             false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         },
     );

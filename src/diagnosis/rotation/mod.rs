@@ -108,6 +108,9 @@ fn cannot_look(features: &WindowFeatures, context: &Context<'_>, without: &str) 
     if !context.baseline.records.is_empty() {
         return None;
     }
+    if let Some(why) = context.void_baselines {
+        return Some(format!("no baseline that can be used: {why}"));
+    }
     let offered = context.offered_baselines > 0;
     let unfit = if features.load.is_some() {
         "no baseline at this speed and load"

@@ -108,6 +108,7 @@ fn told<T>(
         baseline: &of(at_speed),
         runs: &of(of_run),
         offered_baselines: usize::from(with_baseline),
+        void_baselines: None,
         false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     })
 }

@@ -255,6 +255,7 @@ pub(super) fn judged_beside(
             baseline: &baseline,
             runs: &Baseline::default(),
             offered_baselines: baseline.records.len(),
+            void_baselines: None,
             false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
         },
     )

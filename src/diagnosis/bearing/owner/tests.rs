@@ -121,6 +121,7 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
         baseline: &baseline,
         runs: &baseline,
         offered_baselines: 0,
+        void_baselines: None,
         false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
     };
     judge(&features, &context).0
