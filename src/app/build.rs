@@ -24,6 +24,7 @@ use super::simulated::Desk;
 use super::start_error::StartError;
 use super::stores;
 use super::stores::Stores;
+use super::trending;
 use super::trending::TrendPlan;
 use super::trending::Trending;
 use crate::alarms::AlarmEngine;
@@ -442,14 +443,17 @@ fn load(stream: &Result<Stream, String>) -> f64 {
     channels.iter().map(|channel| channel.sample_rate.0).sum()
 }
 
-/// Holds the memory that a start needs for rings, queues and captures against the limit: what `check` says is what `serve` says.
-/// Sources are opened for what they hold, and nothing else is; one that cannot be opened needs no memory.
+/// Holds the memory that a start needs for rings, queues and captures, and the room for trends on the disk, against their limits: what
+/// `check` says is what `serve` says. Sources are opened for what they hold, and the newest trends read; a source that cannot be opened
+/// needs nothing.
 ///
 /// # Errors
 /// When there is too little, or a scene cannot be built.
 pub fn check_fits(config: &Config) -> Result<(), StartError> {
     let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-    check_memory(config, &streams, n_shards(config)).map(|_| ())
+    check_memory(config, &streams, n_shards(config))?;
+    let n_channels = streams.iter().flatten().map(|stream| stream.info.channels.len()).sum();
+    trending::check_fits(config, n_channels)
 }
 
 /// Refuses to start when rings and queues would need more than the limit; gives what they need.

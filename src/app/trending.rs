@@ -157,13 +157,31 @@ fn for_recordings(config: &Config) -> u64 {
     segment_bytes.saturating_mul(config.machines.len() as u64 + 1)
 }
 
+/// Holds what trends of `n_channels` need against the room for them, by the features stored so far, and changes nothing.
+///
+/// # Errors
+/// What they need and have.
+pub(super) fn check_fits(config: &Config, n_channels: usize) -> Result<(), StartError> {
+    let features = trends::features_per_channel(&config.store.directory);
+    fitting(config, n_channels, features).map(|_| ())
+}
+
 /// The limits of a configuration, unless trends of `n_channels` could not fit into them.
 ///
 /// # Errors
 /// What they need and have.
 pub(super) fn limits(config: &Config, n_channels: usize) -> Result<Limits, StartError> {
+    fitting(config, n_channels, None)
+}
+
+/// The same, where a channel has so many `features`, if that is known.
+fn fitting(
+    config: &Config,
+    n_channels: usize,
+    features: Option<f64>,
+) -> Result<Limits, StartError> {
     let (retention, max_bytes) = (config.store.trends, config.bytes_beside_captures());
-    let needed = trends::project(&retention, n_channels, config.monitor.hop_s, None);
+    let needed = trends::project(&retention, n_channels, config.monitor.hop_s, features);
     let limit_bytes = max_bytes.saturating_sub(for_recordings(config));
     if needed.total() > limit_bytes {
         return Err(StartError::Trends { n_channels, needed, limit_bytes });

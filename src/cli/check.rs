@@ -51,7 +51,8 @@ Examples:
 
 What a file is, its content decides: a capture is HDF5, WAV or a table of numbers (CSV), a machine
 file has a table [machine], a scene [scene], a configuration of the daemon [server], [pipeline],
-[[machine]] or [[source]]. A configuration is also held against its memory_limit_bytes, as `serve` does. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
+[[machine]] or [[source]]. A configuration is also held against its memory_limit_bytes
+and, for trends, its store.max_bytes, as `serve` does. Captures are read to their last sample; of CSV and WAV is shown what was guessed, and
 options that name it otherwise.
 
 --repair closes recordings that their recorder left open because it was killed: one write of the

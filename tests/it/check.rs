@@ -56,6 +56,24 @@ fn rings_that_do_not_fit_are_refused_as_serve_refuses_them() {
 }
 
 #[test]
+fn trends_that_do_not_fit_are_refused_as_serve_refuses_them() {
+    let dir = folder();
+    let config = fs::read_to_string(dir.path().join("serve.toml")).unwrap();
+    let small = format!("[captures]\nenabled = false\n[store]\nmax_bytes = 10000000\n{config}");
+    fs::write(dir.path().join("small.toml"), small).unwrap();
+    let checked = check(&dir, &["small.toml"]);
+    assert_eq!(checked.status.code(), Some(2), "{}", checked.stderr);
+    let told = "the trends of 3 channels will take about";
+    assert!(checked.stderr.contains(told), "{}", checked.stderr);
+    assert!(!dir.path().join("data").exists(), "checking makes nothing");
+    let mut serve = support::command();
+    let served =
+        support::run(serve.current_dir(dir.path()).args(["serve", "--config", "small.toml"]));
+    assert_eq!(served.status.code(), Some(2));
+    assert!(served.stderr.contains(checked.stderr.trim()), "{}", served.stderr);
+}
+
+#[test]
 fn every_mistake_in_every_file_is_told_with_its_place() {
     let dir = folder();
     let write = |name: &str, text: &[u8]| fs::write(dir.path().join(name), text).unwrap();

@@ -32,6 +32,7 @@ pub use retention::project;
 pub use roll::numbers_of;
 pub use sqlite::FOLDER;
 pub use sqlite::SqliteTrends;
+pub use sqlite::features_per_channel;
 pub use table::Column;
 pub use table::Table;
 

@@ -61,6 +61,19 @@ pub struct SqliteTrends {
     n_removed: u64,
 }
 
+/// Mean number of features of a channel in the newest file under the store's `directory`; `None`: nothing is held. Changes nothing.
+#[must_use]
+pub fn features_per_channel(directory: &Path) -> Option<f64> {
+    features_in(&directory.join(FOLDER))
+}
+
+fn features_in(folder: &Path) -> Option<f64> {
+    let files = retention::files(folder);
+    let newest = files.iter().rfind(|(period, _)| period.tier == Tier::Windows)?;
+    let file = TrendFile::reading(&newest.1, newest.0).ok()??;
+    file.features_per_channel().ok()?
+}
+
 impl SqliteTrends {
     /// Opens the trends in the store's `directory`; makes their folder if it is missing. Nothing is read
     /// yet, so that the start does not wait for it.
@@ -88,10 +101,7 @@ impl SqliteTrends {
     /// Mean number of features of a channel in the newest file; `None`: nothing is held.
     #[must_use]
     pub fn features_per_channel(&self) -> Option<f64> {
-        let files = retention::files(&self.directory);
-        let newest = files.iter().rfind(|(period, _)| period.tier == Tier::Windows)?;
-        let file = TrendFile::reading(&newest.1, newest.0).ok()??;
-        file.features_per_channel().ok()?
+        features_in(&self.directory)
     }
 
     /// Files that were damaged and put aside since the start.
