@@ -21,6 +21,14 @@ pub enum ApiError {
     /// There is no such thing; says what there is.
     #[error("{0}")]
     NotFound(String),
+    /// Nothing has been judged yet.
+    #[error("{detail}")]
+    NotJudged {
+        /// When it will be, and where to look meanwhile.
+        detail: String,
+        /// What stands accused from before.
+        standing: Vec<String>,
+    },
     /// The path does not take this method.
     #[error("this path does not take this method; see the Allow header")]
     MethodNotAllowed,
@@ -94,7 +102,7 @@ impl ApiError {
     pub fn status(&self) -> StatusCode {
         match self {
             Self::Invalid(_) => StatusCode::BAD_REQUEST,
-            Self::NotFound(_) => StatusCode::NOT_FOUND,
+            Self::NotFound(_) | Self::NotJudged { .. } => StatusCode::NOT_FOUND,
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::NotAcceptable(_) => StatusCode::NOT_ACCEPTABLE,
             Self::Conflict(_) => StatusCode::CONFLICT,
@@ -121,7 +129,7 @@ impl ApiError {
     pub fn kind(&self) -> (&'static str, &'static str) {
         match self {
             Self::Invalid(_) => ("invalid-request", "Request not allowed"),
-            Self::NotFound(_) => ("not-found", "Not found"),
+            Self::NotFound(_) | Self::NotJudged { .. } => ("not-found", "Not found"),
             Self::MethodNotAllowed => ("method-not-allowed", "Method not allowed"),
             Self::NotAcceptable(_) => ("not-acceptable", "Format not available"),
             Self::Conflict(_) => ("conflict", "Not in this state"),
@@ -159,6 +167,7 @@ impl ApiError {
             Self::Forbidden(_) => "Bearer realm=\"rotorwatch\", error=\"insufficient_scope\"",
             Self::Invalid(_)
             | Self::NotFound(_)
+            | Self::NotJudged { .. }
             | Self::MethodNotAllowed
             | Self::NotAcceptable(_)
             | Self::Conflict(_)
@@ -180,7 +189,11 @@ impl ApiError {
     /// Single faults, where there are several.
     #[must_use]
     pub fn errors(&self) -> &[String] {
-        if let Self::NotReady(reasons) = self { reasons } else { &[] }
+        if let Self::NotReady(all) | Self::NotJudged { standing: all, .. } = self {
+            all
+        } else {
+            &[]
+        }
     }
 }
 

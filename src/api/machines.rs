@@ -3,9 +3,10 @@
 use super::error::ApiError;
 use super::extract::{Path, Query, State};
 use super::state::{ApiState, newest};
+use super::view::{MachineView, accusations};
 use super::wire::diagnosis::DiagnosisDocument;
 use super::wire::machines::{
-    HealthWire, MachineItemWire, MachineListWire, MachineWire, no_data_reason,
+    HealthWire, MachineItemWire, MachineListWire, MachineWire, no_data_reason, source_and_reason,
 };
 use super::wire::problem::ProblemWire;
 use super::wire::rfc3339;
@@ -93,7 +94,8 @@ pub(super) async fn health(
     responses(
         (status = OK, body = DiagnosisDocument),
         (status = NOT_FOUND, body = ProblemWire, content_type = "application/problem+json",
-         description = "No such machine, or no window judged yet"),
+         description = "No such machine, or no window judged yet: `detail` says when, and where to look meanwhile; `errors` what \
+                        stands accused from before"),
     )
 )]
 pub(super) async fn diagnosis(
@@ -111,6 +113,32 @@ pub(super) async fn diagnosis(
                 ..document
             }))
         }
-        None => Err(ApiError::NotFound(format!("no window of {id:?} has been judged yet"))),
+        None => Err(not_judged(&id, &view)),
     }
+}
+
+/// Why there is no verdict yet, when there will be one, where to look meanwhile, and what stands accused from before.
+fn not_judged(id: &str, view: &MachineView) -> ApiError {
+    let awaited = match source_and_reason(view) {
+        (_, Some(reason)) => format!("once data come again ({reason})"),
+        (source, None) => {
+            format!("with the first whole window of samples (its source is {source})")
+        }
+    };
+    let detail = format!(
+        "no window of {id:?} has been judged since the start; it will be {awaited}. Until then /api/v1/machines/{id}/health says \
+         its state and what stands accused from before, and /api/v1/alarms?machine={id} since when and why"
+    );
+    let standing = accusations(&view.alarms).into_iter().map(|alarm| {
+        let cause = alarm.fault.map_or("cause not proven", |fault| fault.name());
+        format!(
+            "{} {:?} stands accused since {}: {}, {cause}: {}",
+            alarm.kind.name(),
+            alarm.component,
+            rfc3339(view.start_time, alarm.active_since_s),
+            alarm.level.name(),
+            alarm.why
+        )
+    });
+    ApiError::NotJudged { detail, standing: standing.collect() }
 }

@@ -151,6 +151,26 @@ async fn after_a_restart_what_was_accused_stays_so_as_its_alarm_does() {
 }
 
 #[tokio::test]
+async fn before_the_first_verdict_its_place_says_when_it_comes_and_what_stands_accused() {
+    let service = Service::new();
+    service.view.send_modify(|view| Arc::make_mut(view).diagnosis = None);
+    let answer = service.get("/api/v1/machines/rig-1/diagnosis").await;
+    let detail = answer.problem(404);
+    for part in ["first whole window", "/machines/rig-1/health", "/alarms?machine=rig-1"] {
+        assert!(detail.contains(part), "{detail}");
+    }
+    let problem = answer.json();
+    let standing = problem["errors"].as_array().unwrap();
+    assert_eq!(standing.len(), 1, "{problem}");
+    let told = standing[0].as_str().unwrap();
+    assert!(
+        told.starts_with("bearing \"right\" stands accused since 2023-11-14T22:13:30"),
+        "{told}"
+    );
+    assert!(told.contains("damaged, inner_race"), "{told}");
+}
+
+#[tokio::test]
 async fn before_the_first_verdict_nothing_is_claimed() {
     let service = Service::new();
     service.view.send_modify(|view| {
@@ -169,7 +189,7 @@ async fn before_the_first_verdict_nothing_is_claimed() {
     assert_eq!(health["data"]["time_unknown"], true);
     assert_eq!(health["data"]["source"], "starting");
     let detail = service.get("/api/v1/machines/rig-1/diagnosis").await.problem(404);
-    assert!(detail.contains("judged"), "{detail}");
+    assert!(detail.contains("judged") && detail.contains("its source is starting"), "{detail}");
     let detail = service.get("/api/v1/machines/rig-1/channels/right_x/waveform").await.problem(404);
     assert!(detail.contains("there is none yet"), "{detail}");
     let rig = service.get("/api/v1/machines/rig-1").await.json();

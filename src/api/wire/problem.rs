@@ -18,6 +18,6 @@ pub struct ProblemWire {
     pub detail: String,
     /// Path of the request.
     pub instance: String,
-    /// Single faults, where there are several.
+    /// Single faults, where there are several; of a machine that nothing was judged of yet, what stands accused from before.
     pub errors: Vec<String>,
 }
