@@ -82,12 +82,12 @@ pub(super) fn of_store(table: &Table, rate_hz: Option<f64>) -> Columns {
         n: wide(&column.n),
     });
     let (time_s, unreadable) = (table.time_s.clone(), table.unreadable.clone());
-    // Windows of an older stream, which end before this one begins, may have had another rate.
-    let n_samples = |(time_s, duration_s): (&f64, &f64)| {
+    // Windows of an earlier stream, of no length here, may have had another rate.
+    let n_samples = |duration_s: &f64| {
         let n = (duration_s * rate_hz?).round();
-        (*time_s > 0.0 && n >= 0.0).then(|| floor_index(n) as u64)
+        (n >= 0.0).then(|| floor_index(n) as u64)
     };
-    let n_samples = table.time_s.iter().zip(&table.duration_s).map(n_samples).collect();
+    let n_samples = table.duration_s.iter().map(n_samples).collect();
     Columns { time_s, columns: columns.collect(), n_samples, unreadable }
 }
 

@@ -465,8 +465,10 @@ fn points(
         // Of the same stream the time is that of the stream, to the last digit.
         let start = wanted.stream.start.unwrap_or_default();
         let shift_s = since(start, query.origin);
+        let is_asked = wanted.stream.start == query.origin;
         let at = |(place, window): (usize, &PastWindow)| {
-            let (time_s, duration_s) = (window.time_s + shift_s, Some(window.duration_s));
+            let (time_s, length_s) = (window.time_s + shift_s, window.duration_s);
+            let duration_s = Some(if is_asked { length_s } else { f64::NAN });
             (wanted.stream.utc(window.time_s), Point { place, time_s, duration_s })
         };
         (row, windows.iter().enumerate().map(at).collect())

@@ -13,7 +13,7 @@ pub(super) const MAX_VALUES: usize = 8_000_000;
 pub struct Table {
     /// Ends of windows, or starts of minutes or hours, s from the origin asked for, rising.
     pub time_s: Vec<f64>,
-    /// Length of each window, s; empty for minutes and hours.
+    /// Length of each window, s, NaN for those of other streams than that whose origin was asked for; empty for minutes and hours.
     pub duration_s: Vec<f64>,
     /// One a feature.
     pub columns: Vec<Column>,
