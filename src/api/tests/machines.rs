@@ -253,14 +253,14 @@ async fn readiness_needs_the_senders_of_a_live_machine() {
     };
     let both = |second| vec![channel("x", true), channel("speed", second)];
     let (starting, running) = (SourceState::Starting, SourceState::Running);
-    let nobody = json!("no sender of \"rig-1\" is connected");
-    assert_eq!(ready(starting.clone(), 0, Vec::new()).await, [nobody.clone()]);
+    let nobody = [json!("no sender of \"rig-1\" is connected")];
+    assert_eq!(ready(starting.clone(), 0, Vec::new()).await, nobody);
     let silent = json!("the senders of \"rig-1\" have sent nothing yet");
     assert_eq!(ready(starting, 2, both(true)).await, [silent]);
     assert!(ready(running.clone(), 2, both(true)).await.is_empty());
     let one = json!("no sender of \"rig-1\" is connected that sends speed");
     assert_eq!(ready(running.clone(), 1, both(false)).await, [one]);
-    assert_eq!(ready(running, 0, both(false)).await, [nobody]);
+    assert_eq!(ready(running, 0, both(false)).await, nobody);
     let ended = ready(SourceState::Finished, 0, both(false)).await;
     assert!(ended.is_empty(), "a stream that came to its end keeps serving");
 }
