@@ -2,7 +2,8 @@
 //!
 //! A fixed dyadic set (the whole usable band, halves, quarters) is read both as measured and after
 //! whitening, instead of one "best" band: a defect's impacts are broadband, a structural line is
-//! not, and a set of fixed size has a known price in false alarms (theory: docs/theory.md, F4).
+//! not, and a set of fixed size has a known price in false alarms (theory: docs/theory.md, F4). Where the usable
+//! band is much wider than what structures ring in, the same sets of its lower parts are read as well.
 
 use crate::machine::sensor::Sensor;
 use crate::units::Hz;
@@ -49,11 +50,15 @@ pub fn usable_band(sensor: &Sensor, sample_rate: Hz) -> (Hz, Hz) {
 /// Lists the bands inside `usable` of the first `levels` that are at least `min_width` wide, widest first.
 #[must_use]
 pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec<Band> {
-    let (low, high) = usable;
+    split((usable.0, usable.1.0 - usable.0.0), min_width, levels)
+}
+
+/// The same from `low` on, `width_hz` wide in all.
+fn split((low, width_hz): (Hz, f64), min_width: Hz, levels: usize) -> Vec<Band> {
     let mut bands = Vec::new();
     for whitened in [false, true] {
         for parts in SPLITS.into_iter().take(levels) {
-            let width = (high.0 - low.0) / f64::from(parts);
+            let width = width_hz / f64::from(parts);
             if width < min_width.0 {
                 break;
             }
@@ -64,6 +69,21 @@ pub fn demodulation_bands(usable: (Hz, Hz), min_width: Hz, levels: usize) -> Vec
         }
     }
     bands
+}
+
+/// The same sets of the lower half of `usable`, of its lower quarter, and so on, as long as the lowest of the narrowest bands holds eight times
+/// the rate of the `fastest` line and 1 kHz (F4): what a record tells that is sampled half as fast. Widest first; empty where there is none.
+#[must_use]
+pub fn lower_sets(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Vec<Band>> {
+    let Some(parts) = SPLITS.into_iter().take(levels).next_back() else {
+        return Vec::new();
+    };
+    let least = Hz(MOTION.0.max(MOTION_LINES * fastest.0));
+    let widths = std::iter::successors(Some(0.5 * (usable.1.0 - usable.0.0)), |w| Some(0.5 * w));
+    widths
+        .take_while(|width| width / f64::from(parts) >= least.0)
+        .map(|width| split((usable.0, width), least, levels))
+        .collect()
 }
 
 /// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds eight times the
@@ -131,6 +151,22 @@ mod tests {
         // Fast elements move the machine at higher frequencies.
         assert_eq!(octaves(95_000.0, 700.0).len(), 3);
         assert_eq!(octaves(30_400.0, 500.0).len(), 0);
+    }
+
+    #[test]
+    fn sets_below_are_those_of_a_record_that_is_sampled_half_as_fast() {
+        let usable = |top: f64| (Hz(10.0), Hz(10.0 + top));
+        let sets = lower_sets(usable(30_400.0), Hz(100.0), LEVELS);
+        assert_eq!(sets.len(), 2, "a quarter of 7.6 kHz holds 1 kHz, of 3.8 it does not");
+        for (set, top) in sets.iter().zip([15_200.0, 7_600.0]) {
+            assert_eq!(*set, demodulation_bands(usable(top), Hz(250.0), LEVELS));
+        }
+        // Whole and halves of a set are the halves and quarters of that above: read once.
+        let above = demodulation_bands(usable(30_400.0), Hz(250.0), LEVELS);
+        assert_eq!(sets[0].iter().filter(|band| above.contains(band)).count(), 6);
+        assert!(lower_sets(usable(5_700.0), Hz(100.0), LEVELS).is_empty(), "12 kHz");
+        assert_eq!(lower_sets(usable(30_400.0), Hz(400.0), LEVELS).len(), 1, "eight lines");
+        assert!(lower_sets(usable(f64::NAN), Hz(100.0), LEVELS).is_empty());
     }
 
     #[test]

@@ -16,6 +16,7 @@ use super::gear;
 use super::impulses;
 use super::impulses::Impulses;
 use super::limit;
+use super::lines;
 use super::lines::LineReader;
 use super::load;
 use super::orbit;
@@ -130,27 +131,28 @@ impl Extractor {
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let (mut absolute_lines, mut combs, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
         let (mut elsewhere, mut heard_blows) = (Vec::new(), Vec::new());
+        let mut lower_lines = Vec::new();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             elsewhere = speed::elsewhere(&speed);
             let others = elsewhere.iter().map(|other| other.first).collect();
-            let mut reader =
-                LineReader::new(&machine, first).also_at(others).in_levels(self.band_levels);
+            let mut reader = LineReader::new(&machine, first, speed.told_to())
+                .also_at(others)
+                .in_levels(self.band_levels);
+            let mut of_channels = Vec::new();
             for trace in traces.iter().chain(&cut) {
                 let sensor = &machine.sensors[trace.sensor];
-                let range = trace.range;
-                let (here, others) = reader.envelope_lines(
-                    sensor,
-                    (trace.channel, trace.rate, range),
-                    &trace.x_hat,
-                    trace.samples.len(),
-                    &mut self.plans,
-                );
-                bearing_lines.extend(here);
+                let heard = (trace.channel, trace.rate, trace.range);
+                let spectrum = (&trace.x_hat[..], trace.samples.len());
+                let lines = reader.envelope_lines(sensor, heard, spectrum, &mut self.plans);
+                bearing_lines.extend_from_slice(&lines.here);
                 let (channel, bands) = (trace.channel, reader.blows().to_vec());
-                heard_blows.push(Impulses { channel, sample_range: range, bands });
-                elsewhere.iter_mut().zip(others).for_each(|(at, lines)| at.lines.extend(lines));
+                heard_blows.push(Impulses { channel, sample_range: trace.range, bands });
+                let others = elsewhere.iter_mut().zip(&lines.elsewhere);
+                others.for_each(|(at, lines)| at.lines.extend_from_slice(lines));
+                of_channels.push(lines);
             }
+            lower_lines = lines::lower_lines(&of_channels);
             absolute_lines = self.pairs(&machine, &mut traces, &mut reader, first);
             heard_blows.retain(|heard| !heard.bands.is_empty());
             impulses::keep(&heard_blows, &mut traces);
@@ -187,6 +189,7 @@ impl Extractor {
             channels,
             shaft_lines,
             bearing_lines,
+            lower_lines,
             elsewhere,
             absolute_lines,
             impulses: heard_blows,

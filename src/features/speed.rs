@@ -110,6 +110,12 @@ impl Speed {
         is_nominal && self.turning.is_none() && self.confidence <= WRITTEN
     }
 
+    /// What it is told to, relative.
+    #[must_use]
+    pub fn told_to(&self) -> f64 {
+        if self.is_unconfirmed() { TOLD_TO } else { CONFIRMED_TO }
+    }
+
     /// What is said of a window whose speed changes.
     #[must_use]
     pub fn change(&self) -> String {
@@ -140,6 +146,9 @@ pub const REFINE_RANGE: f64 = 0.03;
 
 /// Relative error of a speed that came with the record and that nothing in it confirms.
 pub const TOLD_TO: f64 = 3e-3;
+
+/// Relative error of one that something in it confirms, at most (F1).
+const CONFIRMED_TO: f64 = 1e-3;
 
 /// A move of more than this makes the source `estimated`.
 pub(super) const MOVED: f64 = 1e-3;

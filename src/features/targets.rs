@@ -202,7 +202,8 @@ impl Target {
             .map(|line| line.label.clone())
     }
 
-    pub(super) fn task(&self, duration_s: f64) -> LineTask<'_> {
+    /// As it is read in a window of `duration_s`, the speed being told to `told_to` of it.
+    pub(super) fn task(&self, duration_s: f64, told_to: f64) -> LineTask<'_> {
         LineTask {
             line: self.line,
             expected: self.expected,
@@ -214,6 +215,7 @@ impl Target {
             sum_of_races: self.sum_of_races,
             shaft_speed: self.shaft_speed,
             known: &self.known,
+            known_to: told_to,
             resolution: Hz(HANN_LOBE / duration_s),
             floor_half_width: Hz((0.8 * self.shaft_speed.0).max(25.0 / duration_s)),
         }

@@ -204,8 +204,10 @@ fn best_band(track: &Track, usable: (Hz, Hz), line: Hz) -> Option<Depths> {
     let mut forward = ForwardPlan::new(n, &mut cache);
     let mut x_hat = vec![Complex::new(0.0, 0.0); forward.n_bins()];
     forward.process(&track.samples, &mut x_hat);
-    let bands = bands::demodulation_bands(usable, Hz(WIDTH_PER_LINE * line.0), bands::LEVELS);
-    let depths = bands.into_iter().filter(|band| !band.whitened).filter_map(|band| {
+    let whole = bands::demodulation_bands(usable, Hz(WIDTH_PER_LINE * line.0), bands::LEVELS);
+    let lower = bands::lower_sets(usable, line, bands::LEVELS);
+    let bands = whole.into_iter().chain(lower.into_iter().flatten());
+    let depths = bands.filter(|band| !band.whitened).filter_map(|band| {
         let bins = bins_of_band(n, track.fs_hz(), band.low.0, band.high.0)?;
         let mut squared = SquaredEnvelopePlan::new(n, bins, &mut cache);
         let mut spectrum = EnvelopeSpectrumPlan::new(squared.out_len(), &mut cache);

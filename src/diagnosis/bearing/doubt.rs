@@ -67,6 +67,8 @@ pub(super) enum Doubt {
     OfMains,
     /// Events of the shaft may make it, which elements modulate sharply (C49).
     OfEvents,
+    /// Next to nothing else is heard where it stands, and it is no deeper than sound elements make it there (C52).
+    InQuiet,
     /// A bearing beside it strikes ten times as hard.
     Overheard,
     /// It lives in the lowest band alone, as the motion does that passing elements impose.
@@ -155,6 +157,8 @@ fn says<'c>(line: &Candidate<'c>, others: Vec<&'c LineSearch>, seen: &Seen<'c>) 
         Says::Doubt(Doubt::Unturned)
     } else if line.is_of_events() {
         Says::Doubt(Doubt::OfEvents)
+    } else if line.is_in_quiet() {
+        Says::Doubt(Doubt::InQuiet)
     } else if line.is_overheard(seen.accepted) {
         Says::Doubt(Doubt::Overheard)
     } else if is_smooth(line, seen) {
@@ -193,6 +197,7 @@ pub(super) fn why_open(
         | Doubt::NearMultiple
         | Doubt::OfMains
         | Doubt::OfEvents
+        | Doubt::InQuiet
         | Doubt::Overheard
         | Doubt::Smooth
         | Doubt::OfTone
@@ -211,6 +216,7 @@ pub(super) fn why_open(
         Doubt::NearMultiple => said::near_multiple(line, seen.context),
         Doubt::OfMains => said::of_mains(line, mains::of_mains(line, seen), seen.context),
         Doubt::OfEvents => said::of_events(line, seen.context),
+        Doubt::InQuiet => said::in_quiet(line, seen.context),
         Doubt::Overheard => said::overheard(line, seen.context),
         Doubt::Smooth => said::smooth(line, seen.context),
         Doubt::OfTone => said::of_tone(line, seen),
@@ -244,7 +250,7 @@ pub(super) fn why_open(
         .or_else(|| nobodys::of_turning_load(searches, seen))
         .or_else(|| nobodys::of_the_cage(candidates, seen))
         .or_else(of_several)
-        .or_else(|| half_deep(candidates, seen))
+        .or_else(|| Some(said::half_deep(half_deep(candidates, seen)?, seen)))
         .or_else(|| looked::hidden(searches, seen))
         .or_else(|| lent(seen))
         .or_else(|| as_loud_here(seen))
@@ -304,7 +310,10 @@ fn contenders<'a>(line: &Candidate<'_>, seen: &Seen<'a>) -> Vec<&'a LineSearch> 
 
 /// A line that is there, too small to accuse and too deep to acquit (C42), unless sound elements that pass may make it, or a baseline
 /// has it. What strikes elsewhere, or what nobody owns, may be what is heard.
-fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
+pub(super) fn half_deep<'c>(
+    candidates: &'c [Candidate<'c>],
+    seen: &Seen<'_>,
+) -> Option<&'c Candidate<'c>> {
     let is_own = |a: &Accepted<'_>| {
         !a.owners.is_empty() && a.owners.iter().all(|s| s.bearing == seen.bearing)
     };
@@ -315,8 +324,7 @@ fn half_deep(candidates: &[Candidate<'_>], seen: &Seen<'_>) -> Option<String> {
             && !risen::is_known(line, seen)
     };
     let lines = candidates.iter().filter(|_| seen.accepted.iter().all(is_own));
-    let deepest = lines.filter(is_open).max_by(|a, b| a.depth().total_cmp(&b.depth()))?;
-    Some(said::half_deep(deepest, seen))
+    lines.filter(is_open).max_by(|a, b| a.depth().total_cmp(&b.depth()))
 }
 
 /// Whether it is a cage's line beside which no line of this bearing's races stands in the channel with side bands at the cage's rate, and which no

@@ -41,6 +41,24 @@ fn a_line_lower_than_its_side_band_in_most_bands_is_one_itself() {
     assert_eq!(lower_in(2).fault, Some(FaultMode::InnerRace));
 }
 
+#[test]
+fn what_is_no_deeper_than_sound_elements_make_it_in_quiet_does_not_accuse() {
+    // Two harmonics in four bands of 1 kHz, 10 s: D²/2/R·B·T is 4 in noise, 0.0004 without.
+    let read = |depth: f64, n_quiet: usize| {
+        let mut line = search(0, DefectLine::Bpfi, depth);
+        for reading in line.outcome.iter_mut().flatten().take(n_quiet) {
+            reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 1e7);
+        }
+        judged(None, vec![line])
+    };
+    assert_eq!(read(0.6, 2).fault, Some(FaultMode::InnerRace));
+    let quiet = read(0.6, 3);
+    assert_eq!(quiet.state, State::Undetermined, "{}", quiet.why);
+    assert!(quiet.why.contains("next to nothing else is heard there"), "{}", quiet.why);
+    // Half of the energy of a band.
+    assert_eq!(read(0.75, 4).fault, Some(FaultMode::InnerRace));
+}
+
 /// The outer race's line, shallow; side bands at FTF tell that the elements which pass it are disturbed.
 fn disturbed() -> LineSearch {
     changed(search(0, DefectLine::Bpfo, 0.2), |reading| reading.cage_band = reading.harmonics[0])
@@ -111,7 +129,7 @@ fn near_a_multiple_of_a_name_plates_speed_that_nothing_confirms_nobody_is_accuse
 fn a_turning_race_is_not_accused_without_side_bands_where_they_would_be_seen() {
     // A tenth of the line's height is a hundredth of its power.
     let lines = |line: DefectLine, line_power: f64, side_power: f64| {
-        changed(search(0, line, 0.6), |reading| {
+        changed(search(0, line, 0.8), |reading| {
             for harmonic in reading.harmonics.iter_mut().flatten() {
                 harmonic.power_ratio = line_power;
             }

@@ -121,7 +121,7 @@ fn resolution(features: &WindowFeatures) -> Hz {
 fn is_anothers(line: &AbsoluteLine, seen: &Seen<'_>, sorted: &Sorted<'_>) -> bool {
     let (at, resolution) = (line.reading.frequency, resolution(seen.features));
     let mut doubts = sorted.doubts.iter().filter(|(_, c)| c.search.line == line.line);
-    let is_told_by_growth = doubts.all(|(doubt, _)| is_told_by_growth(*doubt));
+    let is_told_by_growth = doubts.all(|(doubt, _)| is_of_effect_or_place(*doubt));
     let is_own = |a: &Accepted<'_>| {
         let is_of = a.owners.is_empty() || a.is_of(line.bearing, line.line);
         is_told_by_growth && is_of && a.is_at(at, resolution)
@@ -129,10 +129,10 @@ fn is_anothers(line: &AbsoluteLine, seen: &Seen<'_>, sorted: &Sorted<'_>) -> boo
     seen.accepted.iter().any(|a| a.explains(at, resolution) && !is_own(a))
 }
 
-/// Whether a doubt about a line in the envelopes is one of effect or of place. Growth tells nothing of whose rate it is.
-fn is_told_by_growth(doubt: Doubt) -> bool {
+/// Whether a doubt about a line in the envelopes is one of effect or of place, not of whose rate it is: that neither growth tells nor other bands.
+pub(super) fn is_of_effect_or_place(doubt: Doubt) -> bool {
     match doubt {
-        Doubt::Unplaced | Doubt::Smooth | Doubt::OfTone | Doubt::NearLimit => true,
+        Doubt::Unplaced | Doubt::InQuiet | Doubt::Smooth | Doubt::OfTone | Doubt::NearLimit => true,
         Doubt::Bare
         | Doubt::Unturned
         | Doubt::Carried

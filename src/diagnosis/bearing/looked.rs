@@ -286,7 +286,7 @@ mod tests {
         let open = verdict(0.0, 3.75);
         assert_eq!(open.state, State::Undetermined, "{}", open.why);
         assert!(open.why.contains("window too short: 16 revolutions"), "{}", open.why);
-        assert_eq!(verdict(0.6, 3.75).fault, Some(FaultMode::InnerRace));
+        assert_eq!(verdict(0.75, 3.75).fault, Some(FaultMode::InnerRace));
         assert_eq!(verdict(0.0, 2.9).state, State::Healthy);
     }
 }

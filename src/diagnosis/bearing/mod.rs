@@ -12,6 +12,7 @@ mod doubt;
 mod evidence;
 mod grown;
 mod looked;
+mod lower;
 mod mains;
 mod nobodys;
 mod owner;
@@ -71,6 +72,9 @@ pub fn judge(
         |found: &Unplaced| found.bearings.iter().all(|b| !verdicts[b.0].state.is_accusation());
     let open = unplaced.into_iter().flatten().filter(is_open);
     let worst = open.max_by(|a, b| a.severity.total_cmp(&b.severity));
+    if worst.is_none() && verdicts.iter().all(|verdict| !verdict.state.is_accusation()) {
+        lower::look(&mut verdicts, features, context, &accepted);
+    }
     (verdicts, worst)
 }
 

@@ -1,5 +1,6 @@
 //! The sentences of what neither accuses nor acquits a bearing (docs/theory.md, C9). Must not decide anything.
 
+use super::candidate;
 use super::candidate::Candidate;
 use super::doubt::Seen;
 use super::grown::Grown;
@@ -192,6 +193,16 @@ pub(super) fn of_events(line: &Candidate<'_>, context: &Context<'_>) -> String {
         "{}; a defect there passes the load once a turn and has side bands at the shaft's speed, and harmonics of the shaft beside it are as \
          high: events of the shaft that elements modulate as they pass make such, cause not proven",
         sentence(line, context)
+    )
+}
+
+/// Why a line beside which next to nothing else is heard does not accuse.
+pub(super) fn in_quiet(line: &Candidate<'_>, context: &Context<'_>) -> String {
+    format!(
+        "{}; next to nothing else is heard there, and where it is so quiet sound elements make as deep a line as they pass, however softly: accused \
+         from {:.2}, or by growth over a baseline",
+        sentence(line, context),
+        candidate::NARROW_DEPTH
     )
 }
 

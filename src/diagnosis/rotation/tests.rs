@@ -201,6 +201,7 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
             })
             .collect(),
         bearing_lines: Vec::new(),
+        lower_lines: Vec::new(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         impulses: Vec::new(),

@@ -16,9 +16,6 @@ use crate::units::Hz;
 /// multiples that fall off evenly.
 pub const STANDS_ALONE: f64 = 2.0;
 
-/// Relative error of a known line's rate: what the speed is told to at least.
-const KNOWN_TO: f64 = 1e-3;
-
 /// The highest line of a band's searched range, where it lies within the resolution of a known line (F5).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covered {
@@ -83,7 +80,7 @@ pub(super) struct Told {
 }
 
 /// The lowest harmonic that tells the highest line of the range from a known one within the resolution of it (F5): h times as far from that
-/// one's multiple, which the speed's error of 0.1 % may move, it stands out where no known line covers it, and the spectrum falls between.
+/// one's multiple, which the speed's error may move, it stands out where no known line covers it, and the spectrum falls between.
 pub(super) fn told_apart(
     spectrum: &DepthSpectrum<'_>,
     task: &LineTask<'_>,
@@ -101,7 +98,7 @@ pub(super) fn told_apart(
         let at = read::strongest_peak(spectrum, centre.saturating_sub(reach)..=centre + reach)?;
         let hz = at as f64 * spectrum.bin_hz;
         let known_hz = h * known.frequency.0;
-        let is_other = (hz - known_hz).abs() >= KNOWN_TO * known_hz;
+        let is_other = (hz - known_hz).abs() >= task.known_to * known_hz;
         if nearest(Hz(hz), task).is_some() || !is_other || !is_no_part_of(spectrum, known_hz, hz) {
             return None;
         }

@@ -471,6 +471,8 @@ pub struct LineTask<'a> {
     pub shaft_speed: Hz,
     /// Lines to keep clear of.
     pub known: &'a [KnownLine],
+    /// Relative error of their rates: what the speed is told to.
+    pub known_to: f64,
     /// Half width of what a known line occupies, Hz.
     pub resolution: Hz,
     /// Half width of the noise floor's neighbourhood, Hz.

@@ -40,6 +40,7 @@ pub(super) fn task(known: &[KnownLine]) -> LineTask<'_> {
         sum_of_races: None,
         shaft_speed: Hz(28.0),
         known,
+        known_to: 1e-3,
         resolution: Hz(0.2),
         floor_half_width: Hz(20.0),
     }
@@ -422,6 +423,11 @@ fn a_harmonic_apart_tells_a_line_from_the_known_one_at_its_place() {
     // A speed of 0.05 % more: the fourth is 0.2 Hz off.
     assert!(!is_told(&[(99.05, 0.8), (198.1, 0.6), (396.21, 0.4)]), "the shaft's, by the speed");
     assert!(!is_told(&[strikes[0], strikes[1], (132.0, 0.5)]), "the shaft's events are beside it");
+    // A speed that nothing confirms may be 0.15 % less.
+    let unconfirmed = LineTask { known_to: 3e-3, ..task(&series) };
+    let depth = spectrum_of(&strikes, 0.05);
+    let reading = read_line(&of_ten_seconds(&depth), BAND, &unconfirmed, &mut Vec::new());
+    assert!((reading.unwrap().frequency.0 - 98.85).abs() > 0.05);
 }
 
 #[test]

@@ -26,7 +26,7 @@ const WIDE: RelativeBand = RelativeBand { low: -0.1, high: 0.1 };
 type Line = (&'static str, DefectLine, f64, RelativeBand, bool);
 
 fn harmonic(power_ratio: f64) -> Harmonic {
-    Harmonic { power_ratio, depth: 0.6, floor_dof: 100.0, searched: Searched::peaks(60.0) }
+    Harmonic { power_ratio, depth: 0.75, floor_dof: 100.0, searched: Searched::peaks(60.0) }
 }
 
 /// A search that found the line of order 5 by a shaft of 30 Hz in four bands, if it may stand there.
@@ -97,6 +97,7 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
         channels: Vec::new(),
         shaft_lines: Vec::new(),
         bearing_lines: searches,
+        lower_lines: Vec::new(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         impulses: Vec::new(),

@@ -1,0 +1,140 @@
+//! What bands of the lower part of the spectrum tell where those of all of it accuse nobody (docs/theory.md, C51).
+//!
+//! Must not know how bands are cut, nor what a baseline holds of depths: that is of the bands of all of the spectrum.
+
+use super::accept;
+use super::accept::Accepted;
+use super::candidate::Candidate;
+use super::doubt;
+use super::doubt::Seen;
+use super::evidence;
+use super::grown;
+use super::said;
+use crate::diagnosis::Context;
+use crate::diagnosis::fault::ComponentKind;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::sensor;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::WindowFeatures;
+use crate::features::bearing::DefectLine;
+use crate::features::bearing::LineSearch;
+use crate::machine::BearingIndex;
+use crate::units::Hz;
+
+/// Accuses bearings that no bearing's verdict accuses by what the sets of bands below show, the widest that accuses any; where none does,
+/// leaves those open that a line half as deep as accuses speaks against there (C42).
+pub(super) fn look(
+    verdicts: &mut [ComponentDiagnosis],
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    accepted: &[Accepted<'_>],
+) {
+    if features.lower_lines.is_empty() {
+        return;
+    }
+    let foreign = foreign(features, context, accepted);
+    let mut there = features.clone();
+    let sets = std::mem::take(&mut there.lower_lines);
+    // As many sets are paid for, whichever is read.
+    there.lower_lines.resize(sets.len(), Vec::new());
+    let mut open: Vec<Option<String>> = vec![None; verdicts.len()];
+    for lines in sets {
+        there.bearing_lines = lines;
+        let accepted = accept::accept(&there);
+        let mut is_any = false;
+        for (bearing, verdict) in verdicts.iter_mut().enumerate() {
+            let seen = Seen {
+                bearing: BearingIndex(bearing),
+                features: &there,
+                context,
+                accepted: &accepted,
+            };
+            match shown(&verdict.id, &seen, &foreign) {
+                Shown::Accused(accused) => {
+                    *verdict = *accused;
+                    is_any = true;
+                }
+                Shown::Open(why) => open[bearing] = open[bearing].take().or(Some(why)),
+                Shown::Nothing => {}
+            }
+        }
+        if is_any {
+            return;
+        }
+    }
+    for (verdict, why) in verdicts.iter_mut().zip(open) {
+        if let Some(why) = why.filter(|_| verdict.state == State::Healthy) {
+            let evidence = std::mem::take(&mut verdict.evidence);
+            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
+            verdict.evidence = evidence;
+        }
+    }
+}
+
+/// Lines that may be something else's, as all of the band tells: what stands beside them there tells whose rate it is.
+fn foreign(
+    features: &WindowFeatures,
+    context: &Context<'_>,
+    accepted: &[Accepted<'_>],
+) -> Vec<(BearingIndex, DefectLine)> {
+    let mut foreign = Vec::new();
+    for bearing in (0..context.machine.bearings.len()).map(BearingIndex) {
+        let candidates = candidates(bearing, features, accepted);
+        let sorted = doubt::sort(&candidates, &Seen { bearing, features, context, accepted });
+        let of_rate = sorted.doubts.iter().filter(|(d, _)| !grown::is_of_effect_or_place(*d));
+        foreign.extend(of_rate.map(|(_, line)| (bearing, line.search.line)));
+    }
+    foreign
+}
+
+/// The lines of a bearing, weighed.
+fn candidates<'a>(
+    bearing: BearingIndex,
+    features: &'a WindowFeatures,
+    accepted: &[Accepted<'_>],
+) -> Vec<Candidate<'a>> {
+    let looks = accept::n_looks(features, bearing);
+    let own = features.bearing_lines.iter().filter(|s| s.bearing == bearing && s.outcome.is_ok());
+    own.map(|s| Candidate::weigh(s, accepted, looks)).collect()
+}
+
+/// What one set of bands shows of a bearing.
+enum Shown {
+    Accused(Box<ComponentDiagnosis>),
+    Open(String),
+    Nothing,
+}
+
+/// What the lines of `seen` show of a bearing.
+fn shown(id: &str, seen: &Seen<'_>, foreign: &[(BearingIndex, DefectLine)]) -> Shown {
+    let Seen { bearing, features, context, accepted } = *seen;
+    let candidates = candidates(bearing, features, accepted);
+    let below = |top: Hz| format!("; read below {:.0} Hz alone", top.0);
+    let mut sorted = doubt::sort(&candidates, seen);
+    super::leave_unsure(&mut sorted, context);
+    sorted.proven.retain(|line| !foreign.contains(&(bearing, line.search.line)));
+    if let Some((first, others)) = sorted.proven.split_first() {
+        let mut verdict =
+            ComponentDiagnosis::undetermined(id, ComponentKind::Bearing, String::new());
+        verdict.evidence = evidence::evidence(bearing, &candidates, accepted, features, context);
+        super::accuse(&mut verdict, first, others, &candidates, features, context);
+        verdict.why.push_str(&below(top_of(first.search)));
+        let heard: Vec<&LineSearch> = candidates.iter().map(|c| c.search).collect();
+        verdict.why.push_str(&sensor::cut_note(features, super::heard_in(&heard), context));
+        return Shown::Accused(Box::new(verdict));
+    }
+    let deep = doubt::half_deep(&candidates, seen);
+    deep.map_or(Shown::Nothing, |deep| {
+        Shown::Open(said::half_deep(deep, seen) + &below(top_of(deep.search)))
+    })
+}
+
+/// Upper edge of the bands that a line was read in.
+fn top_of(search: &LineSearch) -> Hz {
+    let readings = search.outcome.as_deref().unwrap_or(&[]);
+    Hz(readings.iter().map(|r| r.band.high.0).fold(0.0, f64::max))
+}
+
+#[cfg(test)]
+#[path = "lower_tests.rs"]
+mod tests;
