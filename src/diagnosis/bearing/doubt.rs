@@ -236,6 +236,18 @@ pub(super) fn why_open(
         let deep = of_elements.find(is_odd)?;
         Some(said::in_few_bands(deep, seen))
     };
+    first
+        .or_else(in_few)
+        .or_else(|| of_something_else(candidates, searches, seen))
+        .or_else(|| Some(said::half_deep(half_deep(candidates, seen)?, seen)))
+}
+
+/// Why what stands may be something else's than a defect's of this bearing, or hide one, though no line of it that is proven does.
+pub(super) fn of_something_else(
+    candidates: &[Candidate<'_>],
+    searches: &[&LineSearch],
+    seen: &Seen<'_>,
+) -> Option<String> {
     let of_several = || {
         let looks = accept::n_looks(seen.features, seen.bearing);
         let readable = searches.iter().filter(|s| s.outcome.is_ok());
@@ -244,13 +256,10 @@ pub(super) fn why_open(
             readable.map(|s| Candidate::weigh_all(s, seen.accepted, looks)).collect();
         ambiguous(&lines)
     };
-    first
-        .or_else(in_few)
-        .or_else(|| nobodys::nobodys(searches, seen))
+    nobodys::nobodys(searches, seen)
         .or_else(|| nobodys::of_turning_load(searches, seen))
         .or_else(|| nobodys::of_the_cage(candidates, seen))
         .or_else(of_several)
-        .or_else(|| Some(said::half_deep(half_deep(candidates, seen)?, seen)))
         .or_else(|| looked::hidden(searches, seen))
         .or_else(|| lent(seen))
         .or_else(|| as_loud_here(seen))

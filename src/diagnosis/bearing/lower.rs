@@ -71,7 +71,8 @@ pub(super) fn look(
     }
 }
 
-/// Lines that may be something else's, as all of the band tells: what stands beside them there tells whose rate it is.
+/// Lines that may be something else's, as all of the band tells: what stands beside them there tells whose rate it is. All of a bearing where
+/// what leaves it open is of no line that is proven.
 fn foreign(
     features: &WindowFeatures,
     context: &Context<'_>,
@@ -79,8 +80,15 @@ fn foreign(
 ) -> Vec<(BearingIndex, DefectLine)> {
     let mut foreign = Vec::new();
     for bearing in (0..context.machine.bearings.len()).map(BearingIndex) {
+        let seen = Seen { bearing, features, context, accepted };
+        let searches: Vec<&LineSearch> =
+            features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
         let candidates = candidates(bearing, features, accepted);
-        let sorted = doubt::sort(&candidates, &Seen { bearing, features, context, accepted });
+        if doubt::of_something_else(&candidates, &searches, &seen).is_some() {
+            foreign.extend(DefectLine::ALL.map(|line| (bearing, line)));
+            continue;
+        }
+        let sorted = doubt::sort(&candidates, &seen);
         let of_rate = sorted.doubts.iter().filter(|(d, _)| !grown::is_of_effect_or_place(*d));
         foreign.extend(of_rate.map(|(_, line)| (bearing, line.search.line)));
     }

@@ -31,10 +31,15 @@ fn races(inner: f64, of_b: f64) -> Vec<LineSearch> {
         let search = search(bearing, DefectLine::Bpfo, 0.0);
         LineSearch { expected: Hz(at), outcome: Ok(Vec::new()), ..search }
     };
-    let mut of_b = search(1, DefectLine::Bpfi, of_b);
-    of_b.expected = Hz(270.0);
-    of_b.outcome.iter_mut().flatten().for_each(|reading| reading.frequency = Hz(270.0));
+    let of_b = at(270.0, search(1, DefectLine::Bpfi, of_b));
     vec![search(0, DefectLine::Bpfi, inner), silent(0, 107.0), of_b, silent(1, 105.0)]
+}
+
+/// The same line at another rate.
+fn at(rate: f64, mut search: LineSearch) -> LineSearch {
+    search.expected = Hz(rate);
+    search.outcome.iter_mut().flatten().for_each(|reading| reading.frequency = Hz(rate));
+    search
 }
 
 /// The verdicts by these lines in all of the band, and those in the sets below.
@@ -118,6 +123,15 @@ fn a_line_that_may_be_something_elses_in_all_of_the_band_is_so_below() {
     let verdicts = judged(whole, vec![races(0.6, 0.01)]);
     assert_eq!(verdicts[0].state, State::Undetermined, "{}", verdicts[0].why);
     assert!(verdicts[0].why.contains("the line at 180.0 Hz is higher"), "{}", verdicts[0].why);
+}
+
+#[test]
+fn a_bearing_with_weak_lines_of_several_elements_is_not_accused_below() {
+    let mut whole = races(0.17, 0.01);
+    whole[1] = at(107.0, search(0, DefectLine::Bpfo, 0.17));
+    let verdicts = judged(whole, vec![races(0.6, 0.01)]);
+    assert_eq!(verdicts[0].state, State::Undetermined, "{}", verdicts[0].why);
+    assert!(verdicts[0].why.contains("several elements"), "{}", verdicts[0].why);
 }
 
 #[test]
