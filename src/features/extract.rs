@@ -131,7 +131,7 @@ impl Extractor {
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let (mut absolute_lines, mut combs, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
         let (mut elsewhere, mut heard_blows) = (Vec::new(), Vec::new());
-        let mut lower_lines = Vec::new();
+        let mut lower_lines = Arc::default();
         if let Some(first) = speed.first.filter(|f| f.0 > 0.0) {
             shaft_lines = self.along_shafts(&machine, &mut traces, (first, speed.phase.as_ref()));
             elsewhere = speed::elsewhere(&speed);

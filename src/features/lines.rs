@@ -29,6 +29,7 @@ use crate::machine::sensor::Sensor;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
+use std::sync::Arc;
 
 /// Bins that stand more than this many noise levels high are discrete lines and are held there in the whitened
 /// bands (20 dB): one tone then carries 1 % of a band of 1 kHz in 10 s, while impacts, a comb of a hundred lines,
@@ -73,7 +74,7 @@ pub struct ChannelLines {
 
 /// The searches of all channels in each set of bands below, each channel in its lowest where it has fewer, or in its only one (F4).
 #[must_use]
-pub fn lower_lines(channels: &[ChannelLines]) -> Vec<Vec<LineSearch>> {
+pub fn lower_lines(channels: &[ChannelLines]) -> Arc<[Vec<LineSearch>]> {
     let n_sets = channels.iter().map(|channel| channel.lower.len()).max().unwrap_or(0);
     let of_channel = |channel: &ChannelLines, set: usize| {
         let lowest = channel.lower.get(set).or_else(|| channel.lower.last());

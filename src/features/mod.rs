@@ -125,7 +125,7 @@ pub struct WindowFeatures {
     pub bearing_lines: Vec<bearing::LineSearch>,
     /// The same searches in sets of bands of the lower half of the usable band, of its lower quarter, and so on (F4): all channels in each, in the lowest
     /// set they have. Empty where no channel has one.
-    pub lower_lines: Vec<Vec<bearing::LineSearch>>,
+    pub lower_lines: Arc<[Vec<bearing::LineSearch>]>,
     /// The same at speeds the shaft may turn at as well, where its speed is only written down (F22).
     pub elsewhere: Vec<Elsewhere>,
     /// Absolute-vibration lines of x/y pairs.

@@ -4,6 +4,7 @@
 //! diagnoses or HTTP.
 
 mod access;
+mod clocks;
 mod configuration;
 mod labels;
 mod log;
@@ -290,20 +291,6 @@ impl Metrics {
             fate: fate.to_owned(),
         };
         self.ingested.get_or_create_owned(&labels)
-    }
-
-    /// How the sample clock of a live channel runs.
-    #[must_use]
-    pub fn clock_drift(&self, machine: &str, channel: &str) -> Gauge<f64, AtomicU64> {
-        let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
-        self.clock_drift.get_or_create_owned(&labels)
-    }
-
-    /// How far the clock of a live channel's sender is behind.
-    #[must_use]
-    pub fn clock_offset(&self, machine: &str, channel: &str) -> Gauge<f64, AtomicU64> {
-        let labels = ChannelLabels { machine: machine.to_owned(), channel: channel.to_owned() };
-        self.clock_offset.get_or_create_owned(&labels)
     }
 
     fn register_captures(&self, registry: &mut Registry) {

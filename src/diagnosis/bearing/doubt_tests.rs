@@ -224,7 +224,7 @@ fn told_of(
             floor_dof: 100.0,
         }],
         bearing_lines,
-        lower_lines: Vec::new(),
+        lower_lines: std::sync::Arc::default(),
         elsewhere,
         absolute_lines,
         impulses,

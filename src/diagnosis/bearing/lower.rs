@@ -20,6 +20,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::machine::BearingIndex;
 use crate::units::Hz;
+use std::cell::LazyCell;
 
 /// Accuses bearings that no bearing's verdict accuses by what the sets of bands below show, the widest that accuses any; where none does,
 /// leaves those open that a line half as deep as accuses speaks against there (C42).
@@ -32,14 +33,13 @@ pub(super) fn look(
     if features.lower_lines.is_empty() {
         return;
     }
-    let foreign = foreign(features, context, accepted);
+    // Asked only where a line is proven below.
+    let foreign = LazyCell::new(|| foreign(features, context, accepted));
+    let is_foreign = |bearing, line| foreign.contains(&(bearing, line));
     let mut there = features.clone();
-    let sets = std::mem::take(&mut there.lower_lines);
-    // As many sets are paid for, whichever is read.
-    there.lower_lines.resize(sets.len(), Vec::new());
     let mut open: Vec<Option<String>> = vec![None; verdicts.len()];
-    for lines in sets {
-        there.bearing_lines = lines;
+    for lines in features.lower_lines.iter() {
+        there.bearing_lines.clone_from(lines);
         let accepted = accept::accept(&there);
         let mut is_any = false;
         for (bearing, verdict) in verdicts.iter_mut().enumerate() {
@@ -49,7 +49,7 @@ pub(super) fn look(
                 context,
                 accepted: &accepted,
             };
-            match shown(&verdict.id, &seen, &foreign) {
+            match shown(&verdict.id, &seen, is_foreign) {
                 Shown::Accused(accused) => {
                     *verdict = *accused;
                     is_any = true;
@@ -114,13 +114,17 @@ enum Shown {
 }
 
 /// What the lines of `seen` show of a bearing.
-fn shown(id: &str, seen: &Seen<'_>, foreign: &[(BearingIndex, DefectLine)]) -> Shown {
+fn shown(
+    id: &str,
+    seen: &Seen<'_>,
+    is_foreign: impl Fn(BearingIndex, DefectLine) -> bool,
+) -> Shown {
     let Seen { bearing, features, context, accepted } = *seen;
     let candidates = candidates(bearing, features, accepted);
     let below = |top: Hz| format!("; read below {:.0} Hz alone", top.0);
     let mut sorted = doubt::sort(&candidates, seen);
     super::leave_unsure(&mut sorted, context);
-    sorted.proven.retain(|line| !foreign.contains(&(bearing, line.search.line)));
+    sorted.proven.retain(|line| !is_foreign(bearing, line.search.line));
     if let Some((first, others)) = sorted.proven.split_first() {
         let mut verdict =
             ComponentDiagnosis::undetermined(id, ComponentKind::Bearing, String::new());

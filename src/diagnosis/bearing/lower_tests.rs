@@ -1,22 +1,13 @@
 //! Bands of the lower part of the spectrum, where those of all of it accuse nobody.
 
 use super::super::doubt::tests::search;
-use super::super::judge;
-use crate::diagnosis::Context;
-use crate::diagnosis::baseline::Baseline;
-use crate::diagnosis::confidence;
+use super::super::owner::tests::judged_below;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
-use crate::features::WindowFeatures;
 use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
-use crate::features::speed::Speed;
-use crate::machine::file;
-use crate::signal::ChannelIndex;
-use crate::signal::ChannelInfo;
 use crate::units::Hz;
-use crate::units::Unit;
 
 const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
     [[bearing]]\nid='a'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
@@ -47,44 +38,7 @@ fn judged(
     bearing_lines: Vec<LineSearch>,
     lower_lines: Vec<Vec<LineSearch>>,
 ) -> Vec<ComponentDiagnosis> {
-    let machine = file::parse(MACHINE, "m.toml").unwrap();
-    let features = WindowFeatures {
-        time_s: (0.0, 10.0),
-        speed: Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() },
-        load: None,
-        sensors: Vec::new(),
-        channels: Vec::new(),
-        shaft_lines: Vec::new(),
-        bearing_lines,
-        lower_lines,
-        elsewhere: Vec::new(),
-        absolute_lines: Vec::new(),
-        impulses: Vec::new(),
-        combs: Vec::new(),
-        gears: Vec::new(),
-        pieces: Vec::new(),
-        laws: Vec::new(),
-    };
-    let channels = ["a", "b"].map(|name| ChannelInfo {
-        name: name.into(),
-        sample_rate: Hz(1e4),
-        unit: Unit::MetrePerSecondSquared,
-        full_scale: None,
-        offset: 0.0,
-        unit_conflict: None,
-    });
-    let baseline = Baseline { records: Vec::new(), provisional: false };
-    let context = Context {
-        machine: &machine,
-        channels: &channels,
-        channel_of_sensor: &[Some(ChannelIndex(0)), Some(ChannelIndex(1))],
-        baseline: &baseline,
-        runs: &baseline,
-        offered_baselines: 0,
-        void_baselines: None,
-        false_alarm_probability: confidence::FALSE_ALARM_PROBABILITY,
-    };
-    judge(&features, &context).0
+    judged_below(MACHINE, bearing_lines, lower_lines)
 }
 
 #[test]

@@ -160,4 +160,4 @@ pub(super) fn contenders<'a>(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

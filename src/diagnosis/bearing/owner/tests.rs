@@ -79,7 +79,6 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
          kind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n[[sensor]]\nchannel='b'\nkind='accelerometer'\nunit='g'\nat={{shaft='s'}}\n\
          [[motor]]\nshaft='s'\npoles=2\nline_frequency_hz=60.0\n"
     );
-    let machine = file::parse(&text, "m.toml").unwrap();
     searches.sort_by_key(|s| s.bearing.0);
     // Races that show nothing, so that every bearing could be looked at.
     for (i, line) in (0..ids.len()).flat_map(|i| [(i, DefectLine::Bpfi), (i, DefectLine::Bpfo)]) {
@@ -88,6 +87,16 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
             searches.push(LineSearch { outcome: Ok(Vec::new()), ..search(i, silent) });
         }
     }
+    judged_below(&text, searches, Vec::new())
+}
+
+/// Verdicts on the bearings of a machine with two sensors, by these lines in all of the band and those in the sets below.
+pub(in crate::diagnosis::bearing) fn judged_below(
+    text: &str,
+    bearing_lines: Vec<LineSearch>,
+    lower_lines: Vec<Vec<LineSearch>>,
+) -> Vec<ComponentDiagnosis> {
+    let machine = file::parse(text, "m.toml").unwrap();
     let speed = Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() };
     let features = WindowFeatures {
         time_s: (0.0, 10.0),
@@ -96,8 +105,8 @@ fn judged_by(ids: &[&str], mut searches: Vec<LineSearch>) -> Vec<ComponentDiagno
         sensors: Vec::new(),
         channels: Vec::new(),
         shaft_lines: Vec::new(),
-        bearing_lines: searches,
-        lower_lines: Vec::new(),
+        bearing_lines,
+        lower_lines: lower_lines.into(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         impulses: Vec::new(),
