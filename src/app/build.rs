@@ -453,7 +453,7 @@ pub fn check_fits(config: &Config) -> Result<(), StartError> {
     let streams = config.machines.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     check_memory(config, &streams, n_shards(config))?;
     let n_channels = streams.iter().flatten().map(|stream| stream.info.channels.len()).sum();
-    trending::check_fits(config, n_channels)
+    trending::limits(config, n_channels).map(drop)
 }
 
 /// Refuses to start when rings and queues would need more than the limit; gives what they need.

@@ -124,11 +124,7 @@ pub(super) fn open(
 ) -> Result<(TrendKeeper, TrendPlan, TrendHandle), StartError> {
     let directory = &config.store.directory;
     let store = SqliteTrends::open(directory, config.store.trends)?;
-    let (hop_s, features) = (config.monitor.hop_s, store.features_per_channel());
-    let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
-    let max_bytes = config.bytes_beside_captures();
-    let budget = Budget { max_bytes, for_recordings: for_recordings(config), recordings };
-    let limit_bytes = budget.max_bytes.saturating_sub(budget.for_recordings);
+    let (needed, limit_bytes) = needed(config, n_channels);
     let needed_bytes = needed.total();
     let Projection { windows_bytes, minutes_bytes, hours_bytes } = needed;
     tracing::info!(
@@ -140,9 +136,8 @@ pub(super) fn open(
         limit_bytes,
         "projected size of trends"
     );
-    if needed_bytes > limit_bytes {
-        return Err(StartError::Trends { n_channels, needed, limit_bytes });
-    }
+    let Limits { max_bytes, .. } = limits(config, n_channels)?;
+    let budget = Budget { max_bytes, for_recordings: for_recordings(config), recordings };
     let (keeper, mut plan, holdings) = join(Box::new(store), budget, metrics.trends());
     let archive = Arc::new(SqliteTrendArchive::new(directory));
     let status = Arc::clone(&keeper.status);
@@ -157,36 +152,24 @@ fn for_recordings(config: &Config) -> u64 {
     segment_bytes.saturating_mul(config.machines.len() as u64 + 1)
 }
 
-/// Holds what trends of `n_channels` need against the room for them, by the features stored so far, and changes nothing.
-///
-/// # Errors
-/// What they need and have.
-pub(super) fn check_fits(config: &Config, n_channels: usize) -> Result<(), StartError> {
-    let features = trends::features_per_channel(&config.store.directory);
-    fitting(config, n_channels, features).map(|_| ())
-}
-
-/// The limits of a configuration, unless trends of `n_channels` could not fit into them.
+/// The limits of a configuration, unless trends of `n_channels` could not fit into them. Changes nothing.
 ///
 /// # Errors
 /// What they need and have.
 pub(super) fn limits(config: &Config, n_channels: usize) -> Result<Limits, StartError> {
-    fitting(config, n_channels, None)
-}
-
-/// The same, where a channel has so many `features`, if that is known.
-fn fitting(
-    config: &Config,
-    n_channels: usize,
-    features: Option<f64>,
-) -> Result<Limits, StartError> {
-    let (retention, max_bytes) = (config.store.trends, config.bytes_beside_captures());
-    let needed = trends::project(&retention, n_channels, config.monitor.hop_s, features);
-    let limit_bytes = max_bytes.saturating_sub(for_recordings(config));
+    let (needed, limit_bytes) = needed(config, n_channels);
     if needed.total() > limit_bytes {
         return Err(StartError::Trends { n_channels, needed, limit_bytes });
     }
-    Ok(Limits { retention, max_bytes })
+    Ok(Limits { retention: config.store.trends, max_bytes: config.bytes_beside_captures() })
+}
+
+/// What trends of `n_channels` will take, by the features stored so far, and the bytes there are for them.
+fn needed(config: &Config, n_channels: usize) -> (Projection, u64) {
+    let features = trends::features_per_channel(&config.store.directory);
+    let hop_s = config.monitor.hop_s;
+    let needed = trends::project(&config.store.trends, n_channels, hop_s, features);
+    (needed, config.bytes_beside_captures().saturating_sub(for_recordings(config)))
 }
 
 /// Joins machines and a store by a queue.

@@ -123,6 +123,12 @@ impl ComponentDiagnosis {
             gear: None,
         }
     }
+
+    /// Takes the verdict back, for this reason; what was seen stays.
+    pub fn leave_open(&mut self, why: String) {
+        let evidence = std::mem::take(&mut self.evidence);
+        *self = Self { evidence, ..Self::undetermined(&self.id, self.kind, why) };
+    }
 }
 
 /// A further fault on a component that already has a stronger one.

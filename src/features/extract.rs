@@ -36,6 +36,7 @@ use super::speed::SpeedHints;
 use super::trace;
 use super::trace::Trace;
 use super::turning;
+use super::turning::Turned;
 use crate::dsp::cwt::MorletPlan;
 use crate::dsp::fft::FftCache;
 use crate::dsp::integrate::Quantity;
@@ -43,7 +44,6 @@ use crate::dsp::stats::Moments;
 use crate::machine::Machine;
 use crate::machine::ShaftIndex;
 use crate::machine::sensor::SensorKind;
-use crate::machine::shaft::Shaft;
 use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
@@ -126,8 +126,12 @@ impl Extractor {
         let mut speed = following::refine(&machine, settled, heard, &mut self.plans);
         reception::doubt(&machine, speed.first, &traces, &mut sensors);
         let turned = (speed.first.filter(|f| f.0 > 0.0), speed.turning.as_ref());
-        speed.is_evened = turning::even(&machine, turned, &mut traces, &mut self.plans)
-            | turning::even(&machine, turned, &mut cut, &mut self.plans);
+        let evened = [&mut traces, &mut cut]
+            .map(|traces| turning::even(&machine, turned, traces, &mut self.plans));
+        speed.is_evened = evened.contains(&Turned::Evened);
+        if evened.contains(&Turned::Smeared) {
+            speed.notes.extend(speed.turning.as_ref().map(turning::smeared));
+        }
         let (mut shaft_lines, mut bearing_lines) = (Vec::new(), Vec::new());
         let (mut absolute_lines, mut combs, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
         let (mut elsewhere, mut heard_blows) = (Vec::new(), Vec::new());
@@ -382,17 +386,18 @@ fn keep_combs(machine: &Machine, combs: &[Comb], traces: &mut [Trace<'_>]) {
     }
 }
 
-/// The 1× line of every shaft against the noise around it, half a shaft speed to either side.
+/// The lines of every shaft against the noise around them, half a shaft speed to either side.
 fn over_floor(machine: &Machine, trace: &Trace<'_>, first: Hz) -> Vec<shaft::OverFloor> {
-    let read = |(s, described): (usize, &Shaft)| {
-        let speed = Hz(first.0 * described.ratio_to_first?);
-        let half = Hz(0.5 * speed.0);
+    let read = |(s, order): (usize, u8)| {
+        let speed = first.0 * machine.shafts[s].ratio_to_first?;
+        let (at, half) = (Hz(f64::from(order) * speed), Hz(0.5 * speed));
         let n = trace.samples.len();
-        let (power_ratio, floor_dof) = shaft::over_floor(&trace.x_hat, n, trace.rate, speed, half)?;
+        let (power_ratio, floor_dof) = shaft::over_floor(&trace.x_hat, n, trace.rate, at, half)?;
         let (shaft, channel) = (ShaftIndex(s), trace.channel);
-        Some(shaft::OverFloor { shaft, channel, power_ratio, floor_dof })
+        Some(shaft::OverFloor { shaft, order, channel, power_ratio, floor_dof })
     };
-    machine.shafts.iter().enumerate().filter_map(read).collect()
+    let lines = (0..machine.shafts.len()).flat_map(|s| shaft::ORDERS.map(|order| (s, order)));
+    lines.filter_map(read).collect()
 }
 
 /// Shaft lines and single-axis CWT amplitudes of one channel.

@@ -33,10 +33,12 @@ pub mod run_up;
 pub mod extract;
 
 use crate::signal::ChannelIndex;
+use crate::units::Hz;
 use crate::units::Unit;
 use std::sync::Arc;
 
 pub use extract::Extractor;
+pub use targets::MIN_WIDTH_PER_LINE;
 
 /// One named number of one channel, e.g. `rms`, `velocity_rms_10_1000_hz`, `line_1x_main`.
 #[derive(Debug, Clone, PartialEq)]
@@ -147,5 +149,11 @@ impl WindowFeatures {
     #[must_use]
     pub fn channel(&self, channel: ChannelIndex) -> Option<&ChannelFeatures> {
         self.channels.iter().find(|c| c.channel == channel)
+    }
+
+    /// Within what two readings of the window are of one line: 2/T.
+    #[must_use]
+    pub fn resolution(&self) -> Hz {
+        Hz(2.0 / (self.time_s.1 - self.time_s.0).max(f64::MIN_POSITIVE))
     }
 }

@@ -45,11 +45,13 @@ pub fn lines(x: &[f32], sample_rate: Hz, shaft: &str, speed: Hz, unit: Unit) -> 
         .collect()
 }
 
-/// How far the 1× line of a shaft stands over the noise around it in one channel.
+/// How far a line of a shaft stands over the noise around it in one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverFloor {
     /// Which shaft.
     pub shaft: ShaftIndex,
+    /// Multiple of its speed, one of [`ORDERS`].
+    pub order: u8,
     /// Which channel.
     pub channel: ChannelIndex,
     /// Power of the line ÷ expected power of the noise floor at its place.

@@ -27,7 +27,7 @@ const MIN_REVOLUTIONS: f64 = 12.0;
 
 /// A demodulation band must be this many times wider than the fastest line: line, two harmonics and
 /// side bands.
-pub(super) const MIN_WIDTH_PER_LINE: f64 = 2.5;
+pub const MIN_WIDTH_PER_LINE: f64 = 2.5;
 
 /// Half width of a Hann main lobe, bins of 1/T.
 pub(super) const HANN_LOBE: f64 = 2.0;
@@ -162,7 +162,27 @@ fn known_lines(
         let mains = harmonics_below(spacing, top);
         known.extend(mains.map(|frequency| KnownLine { frequency, spacing, label: label.clone() }));
     }
+    known.extend(pole_passes(machine, window).filter(|line| line.frequency.0 < top.0));
     known
+}
+
+/// Multiples of the pole pass (K12) at which a rotor with a broken bar modulates what is heard: its torque pulsates at the first two.
+const POLE_PASSES: u32 = 4;
+
+/// Lines at the pole-pass frequencies of the machine's motors. Not those beside the shaft's harmonics at that distance: they are of the
+/// vibration itself, not of its envelope.
+fn pole_passes(machine: &Machine, first: Hz) -> impl Iterator<Item = KnownLine> {
+    let spacings = machine.motors.iter().filter_map(move |motor| {
+        let spacing = motor.pole_pass_frequency(machine.shaft_speed(motor.shaft, first)?)?;
+        (spacing.0 > 0.0).then_some(spacing)
+    });
+    spacings.flat_map(|spacing| {
+        (1..=POLE_PASSES).map(move |k| KnownLine {
+            frequency: Hz(f64::from(k) * spacing.0),
+            spacing,
+            label: "pole pass".to_owned(),
+        })
+    })
 }
 
 /// Multiples at which a shaft has lines that a bearing of another speed may hear (F5): the first, and about those of its teeth.
@@ -292,6 +312,23 @@ mod tests {
         let machine = file::parse(&text, "m.toml").unwrap();
         let targets = of_sensor(&machine, &machine.sensors[0], Hz(29.5), Hz(29.5));
         targets.iter().map(|t| (t.line, t.unreadable((Hz(0.0), Hz(5000.0)), 10.0))).collect()
+    }
+
+    #[test]
+    fn the_pole_pass_of_a_loaded_motor_is_no_cages_line() {
+        // 4 poles at 60 Hz: 30 Hz synchronous, at 28 Hz a pole pass of 8 Hz; its second multiple lies below the cage's rate.
+        let text = "[machine]\nid='m'\n[[shaft]]\nid='s'\n[[motor]]\nshaft='s'\npoles=4\nline_frequency_hz=60.0\n\
+             [[bearing]]\nid='b'\nshaft='s'\ncatalogue='SKF 6205'\n\
+             [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={bearing='b'}\n";
+        let machine = file::parse(text, "m.toml").unwrap();
+        let passes = |first: f64| -> Vec<f64> {
+            let targets = of_sensor(&machine, &machine.sensors[0], Hz(first), Hz(first));
+            let cage = targets.iter().find(|t| t.line == DefectLine::Ftf).unwrap();
+            let known = cage.known.iter().filter(|known| known.label == "pole pass");
+            known.map(|known| known.frequency.0).collect()
+        };
+        assert_eq!(passes(28.0), [8.0, 16.0, 24.0, 32.0]);
+        assert!(passes(30.0).is_empty(), "no slip, no pole pass");
     }
 
     #[test]

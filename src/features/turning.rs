@@ -42,26 +42,46 @@ pub struct Turning {
     pub excursion: f64,
 }
 
-/// Resamples `traces` to even turning if the speed changes by more than their lines can bear. Whether
-/// it did; all or none.
+/// How a shaft turned, as the lines of its traces are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Turned {
+    /// Its speed changes by no more than the lines can bear, as far as is known.
+    Steady,
+    /// It changes, and the traces go on at equal angles.
+    Evened,
+    /// It changes, and the angle is known over too little of the window: lines are smeared.
+    Smeared,
+}
+
+/// Resamples `traces` to even turning if the speed changes by more than their lines can bear; all or none.
 pub(super) fn even(
     machine: &Machine,
     speed: (Option<Hz>, Option<&Turning>),
     traces: &mut [Trace<'_>],
     plans: &mut Plans,
-) -> bool {
-    let (Some(first), Some(turning)) = speed else { return false };
+) -> Turned {
+    let (Some(first), Some(turning)) = speed else { return Turned::Steady };
     let longest_s = traces.iter().map(|t| t.samples.len() as f64 / t.rate.0).fold(0.0, f64::max);
     if turning.excursion <= bearable_excursion(machine, first, longest_s) {
-        return false;
+        return Turned::Steady;
     }
     let evened: Option<Vec<_>> =
         traces.iter().map(|trace| resample(trace, turning, first)).collect();
-    let Some(evened) = evened else { return false };
+    let Some(evened) = evened else { return Turned::Smeared };
     for (trace, (samples, rate)) in traces.iter_mut().zip(evened) {
         trace.replace(samples, rate, plans);
     }
-    true
+    Turned::Evened
+}
+
+/// What is said of lines that are smeared.
+pub(super) fn smeared(turning: &Turning) -> String {
+    format!(
+        "the speed changes by {:.2} % within the window, more than lines can bear, and the angle is known over less than {:.0} % of it: lines are \
+         read smeared, and a defect may be hidden; a tacho over the whole record would tell",
+        100.0 * turning.excursion,
+        100.0 * COVERED
+    )
 }
 
 /// The relative change of speed that blurs the highest line read by half a cell (F13).
@@ -172,7 +192,7 @@ mod tests {
             assert!(amplitude(&traces[0]) < 0.7, "smeared over many cells");
             let turning = turning(depth, 99.0, 111.0);
             let speed = (Some(Hz(FIRST_HZ)), Some(&turning));
-            assert!(even(&machine(), speed, &mut traces, &mut plans));
+            assert_eq!(even(&machine(), speed, &mut traces, &mut plans), Turned::Evened);
             // Knots 0.05 s apart miss the swing by 1e-4 revolutions, so the line by 0.013 rad at most.
             assert!((amplitude(&traces[0]) - 1.0).abs() < 2e-3, "{depth}");
             assert!((traces[0].rate.0 / RATE_HZ - 1.0).abs() < 1e-9, "500 points a revolution");
@@ -184,14 +204,14 @@ mod tests {
     fn a_steady_shaft_is_left_alone_and_so_is_one_whose_angle_is_known_in_part() {
         let mut plans = Plans::new();
         let x = samples(0.02);
-        for turning in [
-            Turning { excursion: 5e-5, ..turning(0.02, 99.0, 111.0) },
-            turning(0.02, 99.0, 107.0),
-            turning(0.02, 120.0, 130.0),
+        for (turning, turned) in [
+            (Turning { excursion: 5e-5, ..turning(0.02, 99.0, 111.0) }, Turned::Steady),
+            (turning(0.02, 99.0, 107.0), Turned::Smeared),
+            (turning(0.02, 120.0, 130.0), Turned::Smeared),
         ] {
             let mut traces = [trace(&x, &mut plans)];
             let speed = (Some(Hz(FIRST_HZ)), Some(&turning));
-            assert!(!even(&machine(), speed, &mut traces, &mut plans));
+            assert_eq!(even(&machine(), speed, &mut traces, &mut plans), turned);
             assert_eq!(&traces[0].samples[..], &x[..]);
         }
     }

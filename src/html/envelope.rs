@@ -10,6 +10,7 @@ use crate::dsp::envelope::SquaredEnvelopePlan;
 use crate::dsp::envelope::bins_of_band;
 use crate::dsp::fft::FftCache;
 use crate::dsp::fft::ForwardPlan;
+use crate::features::MIN_WIDTH_PER_LINE;
 use crate::features::bands;
 use crate::features::bearing::DefectLine;
 use crate::machine::Machine;
@@ -21,9 +22,6 @@ use crate::plot::chart::Scale;
 use crate::plot::decimate;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
-
-/// A band must be so many times as wide as the line it is to show.
-const WIDTH_PER_LINE: f64 = 2.5;
 
 /// Harmonics of the line that are marked, and of the shaft.
 const HARMONICS: u32 = 3;
@@ -204,7 +202,7 @@ fn best_band(track: &Track, usable: (Hz, Hz), line: Hz) -> Option<Depths> {
     let mut forward = ForwardPlan::new(n, &mut cache);
     let mut x_hat = vec![Complex::new(0.0, 0.0); forward.n_bins()];
     forward.process(&track.samples, &mut x_hat);
-    let whole = bands::demodulation_bands(usable, Hz(WIDTH_PER_LINE * line.0), bands::LEVELS);
+    let whole = bands::demodulation_bands(usable, Hz(MIN_WIDTH_PER_LINE * line.0), bands::LEVELS);
     let lower = bands::lower_sets(usable, line, bands::LEVELS);
     let bands = whole.into_iter().chain(lower.into_iter().flatten());
     let depths = bands.filter(|band| !band.whitened).filter_map(|band| {

@@ -4,7 +4,6 @@
 //! the machine. What is known is that something strikes, hard enough to accuse if it kept a rate.
 
 use crate::diagnosis::Context;
-use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::level;
 use crate::diagnosis::severity;
@@ -45,9 +44,7 @@ pub(super) fn reopen(
             continue;
         }
         if let Some(why) = why_open(BearingIndex(bearing), features, context) {
-            let evidence = std::mem::take(&mut verdict.evidence);
-            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
-            verdict.evidence = evidence;
+            verdict.leave_open(why);
         }
     }
 }

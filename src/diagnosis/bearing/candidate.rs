@@ -47,6 +47,8 @@ pub(super) struct Candidate<'a> {
     pub(super) search: &'a LineSearch,
     pub(super) n_bands: usize,
     pub(super) n_showing: usize,
+    /// Part of the usable band that the bands cover.
+    covered: f64,
     /// Bands that show it with all its harmonics, of the race at rest in noise.
     n_whole: usize,
     /// Of the bands that show it those that are in noise (F30).
@@ -102,6 +104,16 @@ impl<'a> Candidate<'a> {
 
     pub(super) fn part(&self) -> f64 {
         if self.n_bands == 0 { 0.0 } else { self.n_showing as f64 / self.n_bands as f64 }
+    }
+
+    /// Part of the usable band that shows it: of what was not read none does, or all of the band would have accused (C51).
+    pub(super) fn part_of_all(&self) -> f64 {
+        self.part() * self.covered
+    }
+
+    /// The same line, read in bands that cover this part of the usable band.
+    pub(super) fn covering(self, covered: f64) -> Self {
+        Self { covered, ..self }
     }
 
     /// Part of the bands in which something is there at this rate: noise gets so far in 3 of a million (C3 asks for two lines),
@@ -176,6 +188,7 @@ impl<'a> Candidate<'a> {
             search,
             n_bands: readings.len(),
             n_showing: showing.len(),
+            covered: 1.0,
             n_whole: showing.iter().filter(|r| is_whole(r, search)).count(),
             n_in_noise: showing.iter().filter(|r| r.is_in_noise(search.duration_s())).count(),
             n_noted,

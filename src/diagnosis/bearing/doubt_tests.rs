@@ -219,6 +219,7 @@ fn told_of(
             .collect(),
         shaft_lines: vec![OverFloor {
             shaft: ShaftIndex(0),
+            order: 1,
             channel: ChannelIndex(2),
             power_ratio: 900.0,
             floor_dof: 100.0,

@@ -3,6 +3,7 @@
 use super::accept::Accepted;
 use super::blows;
 use super::candidate::Candidate;
+use super::grown;
 use super::struck;
 use crate::diagnosis::Context;
 use crate::diagnosis::confidence;
@@ -46,7 +47,8 @@ pub(super) fn evidence(
         others.into_iter().any(|a| a.explains(l.reading.frequency, Hz(resolution)))
     };
     let absolute = features.absolute_lines.iter().filter(|l| l.bearing == bearing && !explained(l));
-    found.extend(absolute.map(|l| absolute_evidence(l, features, context)));
+    let looks = grown::n_looks(bearing, features);
+    found.extend(absolute.map(|l| absolute_evidence(l, looks, features, context)));
     let is_heard = |channel| candidates.iter().any(|c| c.search.channel == channel);
     let heard = features.impulses.iter().filter(|heard| is_heard(heard.channel));
     found.extend(heard.map(|heard| blows::evidence(heard, features, context)));
@@ -85,16 +87,18 @@ pub(super) fn order(
     (speed.0 > 0.0).then(|| frequency.0 / speed.0)
 }
 
+/// A line in the absolute vibration, for the record; `looks`: among how many of its bearing the strongest is picked.
 fn absolute_evidence(
     line: &AbsoluteLine,
+    looks: f64,
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> Evidence {
     let (x, y) = line.pair;
     let tail = line.reading.harmonics[0].map_or(1.0, |h| confidence::harmonic_tail(&h));
-    // Power ratio at which one search of this width reaches the declared probability.
+    // Power ratio at which a search of this width reaches the declared probability.
     let z = line.reading.harmonics[0]
-        .map_or(0.0, |h| confidence::power_ratio_at(&h, context.false_alarm_probability));
+        .map_or(0.0, |h| confidence::power_ratio_at(&h, context.false_alarm_probability / looks));
     Evidence {
         indicator: format!("absolute_vibration_{}", line.line.slug()),
         channel: format!("{}+{}", context.channel_name(x), context.channel_name(y)),
@@ -105,7 +109,7 @@ fn absolute_evidence(
         value: line.amplitude,
         unit: context.channels[x.0].unit,
         threshold: Some(line.floor * z.sqrt()),
-        false_alarm_probability: Some(tail),
+        false_alarm_probability: Some((looks * tail).min(1.0)),
         sample_range: Some(line.sample_range),
     }
 }

@@ -18,7 +18,6 @@ use crate::features::absolute::AbsoluteLine;
 use crate::features::bearing::DefectLine;
 use crate::features::overall;
 use crate::machine::BearingIndex;
-use crate::units::Hz;
 
 /// Growth of the line's amplitude over the baseline that proves a defect: at least 180 was seen of a
 /// damaged bearing, and 5 is what other damage of the machine stays below.
@@ -69,6 +68,21 @@ pub(super) enum Growth<'a> {
     Carried(Grown<'a>),
 }
 
+/// Lines of a bearing in the absolute vibration that may have grown: not those of its cage, which strikes nothing.
+fn own(bearing: BearingIndex, features: &WindowFeatures) -> impl Iterator<Item = &AbsoluteLine> {
+    let lines = features.absolute_lines.iter().filter(|l| is_searched(l));
+    lines.filter(move |l| l.bearing == bearing && !l.reading.is_explained())
+}
+
+fn is_searched(line: &AbsoluteLine) -> bool {
+    line.line != DefectLine::Ftf
+}
+
+/// Among how many lines of a bearing the strongest is picked.
+pub(super) fn n_looks(bearing: BearingIndex, features: &WindowFeatures) -> f64 {
+    own(bearing, features).count().max(1) as f64
+}
+
 /// The strongest line of `seen.bearing` that has grown: it stands over the noise *and* over the baseline,
 /// and neither a line accepted elsewhere nor the shaft's events explain it. Beside a stronger one it proves
 /// nothing: what strikes hard in one place moves all lines of the machine. `sorted`: what the envelopes say of the bearing.
@@ -78,15 +92,8 @@ pub(super) fn strongest<'a>(seen: &Seen<'a>, sorted: &Sorted<'_>) -> Option<Grow
     if features.speed.is_transient() {
         return None;
     }
-    let is_searched = |l: &&AbsoluteLine| l.line != DefectLine::Ftf;
-    let own: Vec<&AbsoluteLine> = features
-        .absolute_lines
-        .iter()
-        .filter(is_searched)
-        .filter(|l| l.bearing == bearing && !l.reading.is_explained())
-        .collect();
-    let looks = own.len() as f64;
-    let grown = own.into_iter().filter_map(|line| {
+    let looks = n_looks(bearing, features);
+    let grown = own(bearing, features).filter_map(|line| {
         let (ratio, over_baseline) = growth(line, features, context)?;
         let over_noise = confidence::harmonic_tail(&line.reading.harmonics[0]?);
         // Both must hold, so the larger probability counts.
@@ -100,7 +107,7 @@ pub(super) fn strongest<'a>(seen: &Seen<'a>, sorted: &Sorted<'_>) -> Option<Grow
     let beside = features
         .absolute_lines
         .iter()
-        .filter(is_searched)
+        .filter(|l| is_searched(l))
         .find(|other| is_rival(other, grown.line, seen));
     let shaft = context.machine.bearing(bearing).shaft;
     Some(match (beside, place::without_pair(grown.line, features, context)) {
@@ -111,15 +118,10 @@ pub(super) fn strongest<'a>(seen: &Seen<'a>, sorted: &Sorted<'_>) -> Option<Grow
     })
 }
 
-/// Within what two readings of the window are of one line.
-fn resolution(features: &WindowFeatures) -> Hz {
-    Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE))
-}
-
 /// Whether a line accepted in the envelopes explains this one, unless it is this very line and all that keeps it from accusing is what
 /// growth tells: how much of it there is, and where it is strongest.
 fn is_anothers(line: &AbsoluteLine, seen: &Seen<'_>, sorted: &Sorted<'_>) -> bool {
-    let (at, resolution) = (line.reading.frequency, resolution(seen.features));
+    let (at, resolution) = (line.reading.frequency, seen.features.resolution());
     let mut doubts = sorted.doubts.iter().filter(|(_, c)| c.search.line == line.line);
     let is_told_by_growth = doubts.all(|(doubt, _)| is_of_effect_or_place(*doubt));
     let is_own = |a: &Accepted<'_>| {
@@ -152,7 +154,7 @@ pub(super) fn is_of_effect_or_place(doubt: Doubt) -> bool {
 fn is_rival(other: &AbsoluteLine, line: &AbsoluteLine, seen: &Seen<'_>) -> bool {
     let (a, b) = (other.reading.frequency, line.reading.frequency);
     let is_at_its_rate =
-        other.bearing != line.bearing && (a.0 - b.0).abs() <= resolution(seen.features).0;
+        other.bearing != line.bearing && (a.0 - b.0).abs() <= seen.features.resolution().0;
     let limit = if is_at_its_rate { place::AS_LOUD.sqrt() } else { 1.0 };
     other.amplitude > limit * line.amplitude && growth(other, seen.features, seen.context).is_some()
 }

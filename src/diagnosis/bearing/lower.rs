@@ -49,7 +49,7 @@ pub(super) fn look(
                 context,
                 accepted: &accepted,
             };
-            match shown(&verdict.id, &seen, is_foreign) {
+            match shown(&verdict.id, &seen, &features.bearing_lines, is_foreign) {
                 Shown::Accused(accused) => {
                     *verdict = *accused;
                     is_any = true;
@@ -64,9 +64,7 @@ pub(super) fn look(
     }
     for (verdict, why) in verdicts.iter_mut().zip(open) {
         if let Some(why) = why.filter(|_| verdict.state == State::Healthy) {
-            let evidence = std::mem::take(&mut verdict.evidence);
-            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
-            verdict.evidence = evidence;
+            verdict.leave_open(why);
         }
     }
 }
@@ -113,14 +111,21 @@ enum Shown {
     Nothing,
 }
 
-/// What the lines of `seen` show of a bearing.
+/// What the lines of `seen` show of a bearing; `whole` are those of all of the band.
 fn shown(
     id: &str,
     seen: &Seen<'_>,
+    whole: &[LineSearch],
     is_foreign: impl Fn(BearingIndex, DefectLine) -> bool,
 ) -> Shown {
     let Seen { bearing, features, context, accepted } = *seen;
-    let candidates = candidates(bearing, features, accepted);
+    let candidates: Vec<Candidate<'_>> = candidates(bearing, features, accepted)
+        .into_iter()
+        .map(|line| {
+            let covered = part_covered(line.search, whole);
+            line.covering(covered)
+        })
+        .collect();
     let below = |top: Hz| format!("; read below {:.0} Hz alone", top.0);
     let mut sorted = doubt::sort(&candidates, seen);
     super::leave_unsure(&mut sorted, context);
@@ -139,6 +144,13 @@ fn shown(
     deep.map_or(Shown::Nothing, |deep| {
         Shown::Open(said::half_deep(deep, seen) + &below(top_of(deep.search)))
     })
+}
+
+/// Part of the channel's usable band that the bands of a line below cover.
+fn part_covered(below: &LineSearch, whole: &[LineSearch]) -> f64 {
+    let of_channel = whole.iter().filter(|search| search.channel == below.channel);
+    let usable = of_channel.map(|search| top_of(search).0).fold(0.0, f64::max);
+    if usable > 0.0 { (top_of(below).0 / usable).min(1.0) } else { 1.0 }
 }
 
 /// Upper edge of the bands that a line was read in.

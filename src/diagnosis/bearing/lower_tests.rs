@@ -106,3 +106,21 @@ fn every_set_is_paid_for() {
     };
     assert!((probability(3) / probability(1) - 2.0).abs() < 1e-9);
 }
+
+#[test]
+fn what_half_of_the_band_shows_is_less_sure_than_what_all_of_it_does() {
+    // All of the band reaches twice as high as the set below, and shows too little.
+    let mut whole = races(0.1, 0.01);
+    for search in &mut whole {
+        for (place, reading) in search.outcome.iter_mut().flatten().enumerate() {
+            let low = 2e3 * place as f64;
+            (reading.band.low, reading.band.high) = (Hz(low), Hz(low + 2e3));
+        }
+    }
+    let confidence = |verdicts: Vec<ComponentDiagnosis>| verdicts[0].confidence.unwrap();
+    let below = confidence(judged(whole, vec![races(0.6, 0.01)]));
+    let of_all = confidence(judged(races(0.6, 0.01), vec![races(0.1, 0.01)]));
+    // C5 with all bands of half of the band, and of all of it.
+    let expected = of_all * (0.6 + 0.4 * 0.5) / (0.6 + 0.4);
+    assert!((below / expected - 1.0).abs() < 1e-6, "{below} {of_all}");
+}

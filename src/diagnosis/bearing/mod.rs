@@ -2,8 +2,8 @@
 //!
 //! Lines are accepted one at a time, the strongest of the whole machine first; what an accepted line
 //! explains (its harmonics and side bands, heard anywhere) no longer counts for another. Two gates:
-//! the combined false-alarm probability over the bands, and the effect size (docs/theory.md, C1–C4,
-//! S1). A significant line of small effect is evidence, not a verdict.
+//! the combined false-alarm probability over the bands, and the effect size (docs/theory.md, C1–C5,
+//! S1), and what leaves a bearing open besides (C9 to C52). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
 mod blows;
@@ -59,6 +59,7 @@ pub fn judge(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> (Vec<ComponentDiagnosis>, Option<Unplaced>) {
+    let context = &paid_for_ways(context);
     let accepted = accept::accept(features);
     let (mut verdicts, unplaced): (Vec<_>, Vec<_>) =
         judge_all(features, context, &accepted).into_iter().unzip();
@@ -76,6 +77,17 @@ pub fn judge(
         lower::look(&mut verdicts, features, context, &accepted);
     }
     (verdicts, worst)
+}
+
+/// Ways in which a bearing may be accused where there is a baseline: lines in the envelopes, and what has outgrown the baseline of the
+/// absolute vibration, of combs or of small lines. Each may err; without a baseline there is the first alone (C36 has no probability).
+const N_WAYS_WITH_BASELINE: f64 = 4.0;
+
+/// The same context, in which all ways together have the declared probability of a false alarm.
+fn paid_for_ways<'a>(context: &Context<'a>) -> Context<'a> {
+    let has_baseline = !context.baseline.records.is_empty();
+    let ways = if has_baseline { N_WAYS_WITH_BASELINE } else { 1.0 };
+    Context { false_alarm_probability: context.false_alarm_probability / ways, ..*context }
 }
 
 /// A bearing's verdict, and what would accuse it, were it told that it comes from there.
@@ -131,9 +143,8 @@ fn reopen(
                 "at the speed of {at:.2} Hz ({told}) no defect line stands, but near {:.2} Hz one does: {}; measure the speed",
                 other.first.0, there.why
             );
-            let evidence = [std::mem::take(&mut verdict.evidence), there.evidence].concat();
-            *verdict = ComponentDiagnosis::undetermined(&verdict.id, ComponentKind::Bearing, why);
-            verdict.evidence = evidence;
+            verdict.leave_open(why);
+            verdict.evidence.extend(there.evidence);
         }
     }
 }
@@ -385,10 +396,10 @@ fn fault_of(line: DefectLine) -> FaultMode {
     }
 }
 
-/// Confidence that state and fault are right (C5). Not calibrated yet: the product of what the speed,
-/// the agreement of bands, the distance from the threshold and its `share` beside other bearings leave.
+/// Confidence that state and fault are right (C5): a lower bound, no fit (ADR 18). The product of what the speed, the agreement
+/// of bands, the distance from the threshold and its `share` beside other bearings leave.
 fn confidence_in(candidate: &Candidate<'_>, features: &WindowFeatures, share: f64) -> f64 {
-    let agreement = 0.6 + 0.4 * candidate.part();
+    let agreement = 0.6 + 0.4 * candidate.part_of_all();
     let margin = 1.0
         - 0.25 * (severity::WARNING_DEPTH / candidate.depth().max(severity::WARNING_DEPTH)).powi(2);
     let speed = 0.5 + 0.5 * features.speed.confidence;
@@ -435,7 +446,7 @@ fn acquit_what_is_heard(
     }
 }
 
-/// Healthy: no line of effect, and none that leaves doubt ([`ambiguous`]).
+/// Healthy: no line of effect, and none that leaves doubt (`looked`, `doubt`).
 fn acquit(
     verdict: &mut ComponentDiagnosis,
     candidates: &[Candidate<'_>],

@@ -99,3 +99,23 @@ fn beside_what_another_bearing_strikes_a_small_line_leaves_nothing_open() {
     assert!(verdicts[1].state.is_accusation(), "{}", verdicts[1].why);
     assert_eq!(verdicts[0].state, State::Healthy, "{}", verdicts[0].why);
 }
+
+#[test]
+fn where_there_is_a_baseline_each_way_to_accuse_pays_for_the_others() {
+    // Lines that stand ever higher: between those that are nobody's and those that accuse some have less than 10⁻³ and more than a quarter of it.
+    let whys: Vec<(State, String)> = (0..400)
+        .map(|step| {
+            let line = changed(of_depth(0, 0.8), |reading| {
+                let harmonics = reading.harmonics.iter_mut().flatten();
+                harmonics.for_each(|h| h.power_ratio = 5.0 + 0.1 * f64::from(step));
+            });
+            let verdict = judged(vec![line]).remove(0);
+            (verdict.state, verdict.why)
+        })
+        .collect();
+    let is_unsure = |(state, why): &&(State, String)| {
+        *state == State::Undetermined && why.contains("accusations are held to 2.5e-4")
+    };
+    assert!(whys.iter().any(|why| is_unsure(&why)), "{whys:?}");
+    assert!(whys.last().is_some_and(|(state, _)| state.is_accusation()), "{:?}", whys.last());
+}

@@ -93,10 +93,10 @@ pub(super) fn strongest<'a>(
     if features.speed.is_transient() {
         return None;
     }
-    let resolution = Hz(2.0 / (features.time_s.1 - features.time_s.0).max(f64::MIN_POSITIVE));
+    let resolution = features.resolution();
     let own = features.combs.iter().filter(|c| c.bearing == bearing && is_struck(c));
     own.filter(|c| mains::multiple(context.machine, c.frequency, resolution).is_none())
-        .filter(|c| !is_near_multiple(c, features, context))
+        .filter(|c| !may_be_of_coupling(c, features, context))
         .filter(|c| !accepted.iter().any(|a| is_others(a, c, resolution)))
         .filter(|c| is_loudest(c, features, context))
         .filter_map(|comb| {
@@ -109,7 +109,7 @@ pub(super) fn strongest<'a>(
 const UNSURE: f64 = 0.01;
 
 /// Whether a coupling's jaws, or vanes, may make the comb (C48): nothing confirms the speed, and at one near by it is a multiple of the shaft's.
-fn is_near_multiple(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> bool {
+fn may_be_of_coupling(comb: &Comb, features: &WindowFeatures, context: &Context<'_>) -> bool {
     let order = order(comb.frequency, comb.bearing, features, context);
     let is_near = |order: f64| (order - order.round()).abs() <= UNSURE * order;
     features.speed.is_unconfirmed() && order.is_some_and(is_near)

@@ -19,7 +19,7 @@ const ALONE: f64 = 0.5;
 
 /// Or, on a housing, below this part of 1× as velocity, whatever they were before: bearings that yield more one way than the other make
 /// so much of an unbalance itself, and nine tenths of the energy stay at 1×.
-const SMALL: f64 = 0.2;
+pub(super) const SMALL: f64 = 0.2;
 
 /// Part of a channel's energy that 1× must hold where 2× and 3× lie beyond the sampling.
 const MOST: f64 = 0.5;
@@ -114,7 +114,22 @@ fn lies_beyond(
         .is_some_and(|(speed, info)| f64::from(order) * speed.0 >= info.sample_rate.0 / 2.0)
 }
 
-/// Whether a harmonic of this amplitude of acceleration is small beside 1×, as velocity.
+/// What a line at `order` of a housing's channel is as velocity, times the frequency of 1× where it is an acceleration; `None` of a probe.
+pub(super) fn as_velocity(
+    amplitude: f64,
+    order: u8,
+    channel: &str,
+    context: &Context<'_>,
+) -> Option<f64> {
+    let sensor = context.machine.sensors.iter().find(|s| s.channel == channel)?;
+    if sensor.kind == SensorKind::Accelerometer {
+        Some(amplitude / f64::from(order))
+    } else {
+        (sensor.kind == SensorKind::Velocity).then_some(amplitude)
+    }
+}
+
+/// Whether a harmonic of a housing is small beside 1×, as velocity.
 fn is_small(
     (shaft, order): (ShaftIndex, u8),
     amplitude: f64,
@@ -122,10 +137,9 @@ fn is_small(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let sensor = context.machine.sensors.iter().find(|s| s.channel == once.evidence.channel);
-    let is_acceleration = sensor.is_some_and(|s| s.kind == SensorKind::Accelerometer);
+    let velocity = as_velocity(amplitude, order, &once.evidence.channel, context);
     let first = harmonic((shaft, 1), once, features, context);
-    is_acceleration && first.is_some_and(|(first, _)| amplitude / f64::from(order) <= SMALL * first)
+    velocity.zip(first).is_some_and(|(velocity, (first, _))| velocity <= SMALL * first)
 }
 
 /// Whether 2× or 3× is known to have risen by more than half as much as 1× and to move the shaft by a third as much: what does so is

@@ -7,6 +7,7 @@
 mod signs;
 mod cause;
 mod alone;
+mod higher;
 mod shaft;
 mod run;
 mod gear;
@@ -157,6 +158,8 @@ fn acquit(verdict: &mut ComponentDiagnosis, ratio: f64, why: String, features: &
 mod tests;
 #[cfg(test)]
 mod alone_tests;
+#[cfg(test)]
+mod higher_tests;
 #[cfg(test)]
 mod gear_tests;
 #[cfg(test)]

@@ -8,6 +8,7 @@ use super::alone;
 use super::cannot_look;
 use super::cause;
 use super::cause::Cause;
+use super::higher;
 use super::run;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
@@ -73,6 +74,7 @@ pub(super) fn judge_shaft(
         Some(d) => {
             let why = format!("1× displacement is {:.2} times its baseline", d.ratio);
             acquit(&mut verdict, d.ratio, why, features);
+            look_higher(&mut verdict, signs, SensorKind::Proximitor, features);
         }
         None if run::judge_by_run(&mut verdict, shaft, features, context) => {}
         None => judge_by_housing(&mut verdict, shaft, signs, features, context),
@@ -99,7 +101,7 @@ fn accuse_by_probe(
         Cause::Unbalance if !with_others && !too_much => {
             (Some(FaultMode::Unbalance), NAMED_CONFIDENCE, told.sentence())
         }
-        Cause::Both | Cause::Open if too_much => {
+        Cause::Both | Cause::Open if too_much && !with_others => {
             let cause = "; unbalance would need more than ten times G 40";
             (Some(FaultMode::Bow), NAMED_CONFIDENCE, cause)
         }
@@ -118,6 +120,28 @@ fn accuse_by_probe(
         "1× displacement is {:.1} times its baseline in {}{said}",
         once.ratio, once.evidence.channel
     );
+}
+
+/// Takes back the verdict of health on a shaft of which 2× or 3× has risen: accused without a cause, or open where a gear of its speed, whose
+/// tooth strikes once a turn, raises them too (J9).
+fn look_higher(
+    verdict: &mut ComponentDiagnosis,
+    signs: &ShaftSigns,
+    kind: SensorKind,
+    features: &WindowFeatures,
+) {
+    let Some(risen) = signs.higher.as_ref().filter(|risen| risen.is_up() && risen.stands_out())
+    else {
+        return;
+    };
+    verdict.evidence.push(risen.evidence.clone());
+    let text = higher::sentence(risen, kind);
+    if signs.local.is_empty() {
+        accuse_at(verdict, risen, (None, UNNAMED_CONFIDENCE), features);
+        verdict.why = format!("{text}; cause not proven");
+    } else {
+        verdict.leave_open(format!("{text}, and so may its gear: not accused"));
+    }
 }
 
 /// What of the orbit turns with the shaft and what against it, where a pair of probes shows it.
@@ -173,6 +197,7 @@ pub(super) fn judge_by_housing(
     let local_up = signs.local.iter().any(|(_, i)| i.as_ref().is_some_and(Indicator::is_up));
     if !once.is_up() {
         acquit(verdict, once.ratio, text, features);
+        look_higher(verdict, signs, SensorKind::Accelerometer, features);
     } else if !once.stands_out() {
         verdict.why = format!("{text}, but the whole channel rose with it");
     } else if signs.local.is_empty() {
@@ -199,10 +224,18 @@ pub(super) fn is_near_critical(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let described = context.machine.shaft(shaft);
-    let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| f.0 * r);
-    let ratio = speed.zip(described.first_critical).map(|(speed, critical)| speed / critical.0);
-    ratio.is_some_and(|r| r >= MAX_SPEED_PER_CRITICAL)
+    speed_per_critical(shaft, features, context).is_some_and(|(_, r)| r >= MAX_SPEED_PER_CRITICAL)
+}
+
+/// Speed of a shaft, and what part of its first critical speed that is.
+fn speed_per_critical(
+    shaft: ShaftIndex,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<(Hz, f64)> {
+    let speed = context.machine.shaft_speed(shaft, features.speed.first?)?;
+    let critical = context.machine.shaft(shaft).first_critical?;
+    Some((speed, speed.0 / critical.0))
 }
 
 /// Whether the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten
@@ -213,14 +246,11 @@ fn excludes_unbalance(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let described = context.machine.shaft(shaft);
-    let speed = features.speed.first.zip(described.ratio_to_first).map(|(f, r)| Hz(f.0 * r));
-    let (Some(speed), Some(critical)) = (speed, described.first_critical) else { return false };
-    let r = speed.0 / critical.0;
+    let Some((speed, r)) = speed_per_critical(shaft, features, context) else { return false };
     if r >= MAX_SPEED_PER_CRITICAL || r <= 0.0 {
         return false;
     }
-    let name = shaft::line_name(1, &described.id);
+    let name = shaft::line_name(1, &context.machine.shaft(shaft).id);
     let amplitude_um = features
         .channels
         .iter()

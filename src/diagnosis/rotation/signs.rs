@@ -3,6 +3,7 @@
 
 use super::UP_RATIO;
 use super::gear_signs;
+use super::higher;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::confidence;
@@ -32,6 +33,12 @@ pub(super) struct Indicator {
 }
 
 impl Indicator {
+    /// Pays for so many chances to be in error.
+    fn pay_for(&mut self, chances: f64) {
+        self.probability = (self.probability * chances).min(1.0);
+        self.evidence.false_alarm_probability = Some(self.probability);
+    }
+
     /// Whether the rise is more than that of everything else in the channel.
     pub(super) fn stands_out(&self) -> bool {
         self.ratio >= MORE_THAN_THE_REST * self.rest.unwrap_or(1.0).max(1.0)
@@ -46,12 +53,20 @@ impl Indicator {
 /// a changed gain or a machine that shakes altogether raises everything.
 const MORE_THAN_THE_REST: f64 = 2.0;
 
+/// Ways in which a shaft may be accused at one speed: by 1×, and by 2× or 3×.
+const N_WAYS: f64 = 2.0;
+
+/// Sensors of what a housing does.
+const HOUSING: [SensorKind; 2] = [SensorKind::Accelerometer, SensorKind::Velocity];
+
 /// What is known of one shaft.
 pub(super) struct ShaftSigns {
     pub(super) displacement: Option<Indicator>,
     pub(super) cwt: Option<Indicator>,
     /// 1× line of the housings, single axis: what is left without a probe.
     pub(super) housing: Option<Indicator>,
+    /// 2× or 3×, of the probes where they see 1×, else of the housings.
+    pub(super) higher: Option<Indicator>,
     /// Localised difference signal of the gears on this shaft.
     pub(super) local: Vec<(GearIndex, Option<Indicator>)>,
 }
@@ -63,30 +78,26 @@ pub(super) fn signs(
 ) -> ShaftSigns {
     let machine = context.machine;
     let id = &machine.shaft(shaft).id;
-    let hears = |channel: &ChannelFeatures, kind: SensorKind| {
+    let hears = |channel: &ChannelFeatures, kinds: &[SensorKind]| {
         let sensor =
             machine.sensors.iter().find(|s| s.channel == context.channel_name(channel.channel));
         sensor.is_some_and(|s| {
-            s.kind == kind && machine.shaft_at(s).is_none_or(|at| same_speed(at, shaft, context))
+            kinds.contains(&s.kind)
+                && machine.shaft_at(s).is_none_or(|at| same_speed(at, shaft, context))
         })
     };
-    let of_kind = |kind: SensorKind| {
-        features.channels.iter().filter(move |c| hears(c, kind)).collect::<Vec<_>>()
+    let of_kind = |kinds: &[SensorKind]| {
+        features.channels.iter().filter(|c| hears(c, kinds)).collect::<Vec<_>>()
     };
     // What a probe sees is its own shaft's, not that of another that turns at the same speed.
     let sees = |channel: &&ChannelFeatures| observes(shaft, channel, context);
     let probes: Vec<&ChannelFeatures> =
-        of_kind(SensorKind::Proximitor).into_iter().filter(sees).collect();
-    let housings = of_kind(SensorKind::Accelerometer);
+        of_kind(&[SensorKind::Proximitor]).into_iter().filter(sees).collect();
+    let housings = of_kind(&HOUSING);
     let line = shaft::line_name(1, id);
     // A 1× that is lost in noise has no ratio: its amplitude is the noise's, which scatters widely.
-    let shows_line = |channel: &ChannelFeatures, _: &str| {
-        features.shaft_lines.iter().any(|l| {
-            (l.shaft, l.channel) == (shaft, channel.channel)
-                && confidence::cell_tail(l.power_ratio, l.floor_dof) * shaft::LINE_CELLS
-                    <= confidence::FALSE_ALARM_PROBABILITY
-        })
-    };
+    let shows_line =
+        |channel: &ChannelFeatures, _: &str| higher::is_over_noise((shaft, 1), channel, features);
     let displacement =
         strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
     let any = |_: &ChannelFeatures, _: &str| true;
@@ -114,7 +125,11 @@ pub(super) fn signs(
             (gear, strongest(&heard, &names, features, context, &persists))
         })
         .collect();
-    let mut signs = ShaftSigns { displacement, cwt, housing, local };
+    let seen = if displacement.is_some() { &probes } else { &housings };
+    let higher = higher::higher(shaft, seen, features, context);
+    let mut signs = ShaftSigns { displacement, cwt, housing, higher, local };
+    let ways = [&mut signs.displacement, &mut signs.cwt, &mut signs.housing, &mut signs.higher];
+    ways.into_iter().flatten().for_each(|way| way.pay_for(N_WAYS));
     let speed = features.speed.first.and_then(|first| machine.shaft_speed(shaft, first));
     let once = [&mut signs.displacement, &mut signs.cwt, &mut signs.housing];
     let local = signs.local.iter_mut().map(|(_, i)| i);
@@ -176,8 +191,7 @@ pub(super) fn strongest(
         let (a, b) = (rank(a), rank(b));
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     })?;
-    best.probability = (best.probability * looks).min(1.0);
-    best.evidence.false_alarm_probability = Some(best.probability);
+    best.pay_for(looks);
     Some(best)
 }
 

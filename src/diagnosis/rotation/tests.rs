@@ -15,6 +15,7 @@ use crate::features::gear::GearFigures;
 use crate::features::gear::GearReading;
 use crate::features::gear::Localisation;
 use crate::features::gear::Part;
+use crate::features::shaft::ORDERS;
 use crate::features::shaft::OverFloor;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
@@ -183,7 +184,7 @@ pub(super) fn gear_reading(persistence: f64, peak: f64) -> GearReading {
     }
 }
 
-/// A window of these features, its 1× lines far over the noise.
+/// A window of these features, its lines far over the noise.
 pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
     WindowFeatures {
         time_s: (0.0, 10.0),
@@ -193,8 +194,10 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
         channels,
         shaft_lines: (0..2)
             .flat_map(|s| [(s, 0), (s, 1)])
-            .map(|(shaft, channel)| OverFloor {
+            .flat_map(|(s, channel)| ORDERS.map(|order| (s, channel, order)))
+            .map(|(shaft, channel, order)| OverFloor {
                 shaft: ShaftIndex(shaft),
+                order,
                 channel: ChannelIndex(channel),
                 power_ratio: 1000.0,
                 floor_dof: 50.0,

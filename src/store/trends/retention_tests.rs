@@ -131,8 +131,7 @@ fn the_projection_holds_what_noise_takes() {
         store.keep(part, START).unwrap();
     }
     drop(store);
-    let store = open(&folder);
-    let features = store.features_per_channel().unwrap();
+    let features = features_per_channel(folder.path()).unwrap();
     assert!((features - 2.0).abs() < 1e-9, "{features}");
     let (_, bytes, _) = retention::held(&folder.path().join("trends"));
     let retention = Retention { windows_days: 1, minutes_days: 1, hours_days: 1 };

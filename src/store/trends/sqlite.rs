@@ -64,11 +64,7 @@ pub struct SqliteTrends {
 /// Mean number of features of a channel in the newest file under the store's `directory`; `None`: nothing is held. Changes nothing.
 #[must_use]
 pub fn features_per_channel(directory: &Path) -> Option<f64> {
-    features_in(&directory.join(FOLDER))
-}
-
-fn features_in(folder: &Path) -> Option<f64> {
-    let files = retention::files(folder);
+    let files = retention::files(&directory.join(FOLDER));
     let newest = files.iter().rfind(|(period, _)| period.tier == Tier::Windows)?;
     let file = TrendFile::reading(&newest.1, newest.0).ok()??;
     file.features_per_channel().ok()?
@@ -96,12 +92,6 @@ impl SqliteTrends {
             n_set_aside: 0,
             n_removed: 0,
         })
-    }
-
-    /// Mean number of features of a channel in the newest file; `None`: nothing is held.
-    #[must_use]
-    pub fn features_per_channel(&self) -> Option<f64> {
-        features_in(&self.directory)
     }
 
     /// Files that were damaged and put aside since the start.

@@ -1,0 +1,155 @@
+//! 2× and 3× that rise while 1× does not.
+
+use super::judge;
+use super::tests::Signs;
+use super::tests::channels;
+use super::tests::judged_with;
+use super::tests::machine;
+use super::tests::of;
+use super::tests::window;
+use crate::diagnosis::Context;
+use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Record;
+use crate::diagnosis::confidence;
+use crate::diagnosis::fault::FaultMode;
+use crate::diagnosis::fault::State;
+use crate::diagnosis::verdict::ComponentDiagnosis;
+use crate::features::ChannelFeatures;
+use crate::features::Feature;
+use crate::features::WindowFeatures;
+use crate::features::speed::Speed;
+use crate::features::speed::SpeedSource;
+use crate::machine::Machine;
+use crate::machine::sensor::SensorKind;
+use crate::signal::ChannelIndex;
+use crate::units::Hz;
+use crate::units::Unit;
+use std::sync::Arc;
+
+/// A shaft without gear and probe, and how it is heard.
+struct Heard {
+    machine: Machine,
+    first: Hz,
+    /// Power of its 2× over the noise.
+    over_noise: f64,
+}
+
+impl Heard {
+    fn by(kind: SensorKind) -> Self {
+        let mut machine = machine(false);
+        machine.sensors[1].kind = kind;
+        Self { machine, first: Hz(10.0), over_noise: 1000.0 }
+    }
+
+    fn features(lines: [f64; 3]) -> Vec<ChannelFeatures> {
+        let names = ["line_1x_main", "line_2x_main", "line_3x_main"].into_iter().zip(lines);
+        let rest = ("rms_beside_shafts", 1.0);
+        let feature =
+            |(name, value): (&str, f64)| Feature { name: Arc::from(name), value, unit: Unit::One };
+        let values = names.chain([rest]).map(feature).collect();
+        vec![ChannelFeatures { channel: ChannelIndex(1), sample_range: (0, 1), values }]
+    }
+
+    /// The verdict on the shaft by 1×, 2× and 3×, in good health and now.
+    fn judged(&self, healthy: [f64; 3], now: [f64; 3]) -> ComponentDiagnosis {
+        let channels = channels();
+        let windows = [(Some(self.first), Self::features(healthy))];
+        let record = Record::of_windows("h", &windows, &channels);
+        let baseline = Baseline { records: vec![record], provisional: false };
+        let speed = Speed {
+            first: Some(self.first),
+            source: Some(SpeedSource::Tacho),
+            confidence: 1.0,
+            ..Speed::unknown()
+        };
+        let mut features = WindowFeatures { speed, ..window(Self::features(now)) };
+        for line in features.shaft_lines.iter_mut().filter(|line| line.order == 2) {
+            line.power_ratio = self.over_noise;
+        }
+        let context = Context {
+            machine: &self.machine,
+            channels: &channels,
+            channel_of_sensor: &[None, Some(ChannelIndex(1))],
+            baseline: &baseline,
+            runs: &Baseline::default(),
+            offered_baselines: 1,
+            void_baselines: None,
+            false_alarm_probability: confidence::FALSE_ALARM_PROBABILITY,
+        };
+        of(&judge(&features, &[], &context), "main").clone()
+    }
+}
+
+#[test]
+fn a_second_harmonic_that_rises_by_itself_accuses_without_a_cause() {
+    for kind in [SensorKind::Accelerometer, SensorKind::Velocity] {
+        let shaft = Heard::by(kind).judged([1.0, 0.5, 0.1], [1.1, 4.0, 0.1]);
+        assert_eq!((shaft.state, shaft.fault), (State::Warning, None), "{}", shaft.why);
+        assert!(
+            shaft.why.starts_with("2× on the housing is 8.0 times its baseline"),
+            "{}",
+            shaft.why
+        );
+        assert!(shaft.why.ends_with("cause not proven"), "{}", shaft.why);
+        let evidence = shaft.evidence.iter().find(|e| e.order == Some(2.0)).unwrap();
+        assert!((evidence.frequency.unwrap().0 - 20.0).abs() < 1e-12);
+    }
+    let third = Heard::by(SensorKind::Accelerometer).judged([1.0, 0.1, 0.5], [1.1, 0.1, 4.0]);
+    assert!(third.why.starts_with("3× on the housing"), "{}", third.why);
+}
+
+#[test]
+fn one_that_is_small_or_noise_or_the_mains_accuses_nobody() {
+    let accelerometer = || Heard::by(SensorKind::Accelerometer);
+    let state = |heard: Heard, healthy, now| heard.judged(healthy, now).state;
+    // Ten times what it was, and 0.4/2 of 1× as velocity: a fifth; as a velocity itself it is two fifths.
+    let (before, small) = ([1.0, 0.04, 0.1], [1.0, 0.4, 0.1]);
+    assert_eq!(state(accelerometer(), before, small), State::Healthy);
+    assert_eq!(state(Heard::by(SensorKind::Velocity), before, small), State::Warning);
+    let (before, large) = ([1.0, 0.5, 0.1], [1.0, 4.0, 0.1]);
+    assert_eq!(state(Heard { over_noise: 5.0, ..accelerometer() }, before, large), State::Healthy);
+    // 2× of 25.02 Hz lies within 0.2 Hz + 0.2 % of 50 Hz; that of 24 Hz does not.
+    assert_eq!(state(Heard { first: Hz(25.02), ..accelerometer() }, before, large), State::Healthy);
+    assert_eq!(state(Heard { first: Hz(24.0), ..accelerometer() }, before, large), State::Warning);
+}
+
+#[test]
+fn velocity_tells_of_1x_as_acceleration_does() {
+    let heard = Heard::by(SensorKind::Velocity);
+    let unbalance = heard.judged([1.0, 0.1, 0.1], [8.0, 1.0, 1.0]);
+    assert_eq!(unbalance.fault, Some(FaultMode::Unbalance), "{}", unbalance.why);
+    // A quarter of 1×, and ten times what it was: of a velocity as much as that of the shaft's motion.
+    assert_eq!(heard.judged([1.0, 0.2, 0.1], [8.0, 2.0, 0.1]).fault, None);
+}
+
+/// The verdict on the probed shaft where 2× and 3× are so many times as large as they were.
+fn probed(displacement: f64, higher: f64, with_gear: bool) -> ComponentDiagnosis {
+    let local = with_gear.then_some(1.0);
+    let (displacement, higher) = (Some(displacement), Some(higher));
+    let signs = Signs { displacement, higher, local, ..Signs::HEALTHY };
+    of(&judged_with(signs, with_gear, true, Vec::new()), "main").clone()
+}
+
+#[test]
+fn a_probe_that_sees_2x_rise_accuses_unless_a_gear_may_do_it() {
+    let alone = probed(1.0, 5.0, false);
+    assert_eq!((alone.state, alone.fault), (State::Warning, None), "{}", alone.why);
+    assert!(alone.why.contains("× displacement is 5.0 times its baseline"), "{}", alone.why);
+    let geared = probed(1.0, 5.0, true);
+    assert_eq!(geared.state, State::Undetermined, "{}", geared.why);
+    assert!(geared.why.ends_with("so may its gear: not accused"), "{}", geared.why);
+    assert!(geared.evidence.iter().any(|e| e.order == Some(2.0) || e.order == Some(3.0)));
+    assert_eq!(probed(1.0, 2.5, false).state, State::Healthy);
+}
+
+#[test]
+fn no_bow_is_named_by_its_size_where_2x_rose_with_it() {
+    assert_eq!(probed(200.0, 1.0, true).fault, Some(FaultMode::Bow));
+    let with_others = probed(200.0, 150.0, true);
+    assert_eq!(
+        (with_others.state, with_others.fault),
+        (State::Damaged, None),
+        "{}",
+        with_others.why
+    );
+}
