@@ -30,6 +30,7 @@ pub mod limit;
 pub mod orbit;
 mod outburst;
 pub mod run_up;
+mod at_speed;
 pub mod extract;
 
 use crate::signal::ChannelIndex;
