@@ -1,4 +1,4 @@
-//! Where the damage is, and what nothing is damaged beside.
+//! Where the damage is, what nothing is damaged beside, and whose mark an angle counts from.
 
 use super::*;
 use crate::diagnosis::fault::ComponentKind;
@@ -116,4 +116,32 @@ fn nothing_that_a_baseline_lacks_is_taken_for_a_tooth_whatever_the_pair() {
     assert!(accused.is_empty(), "{} of {n}:\n{}", accused.len(), accused.join("\n"));
     // A speed that changes by more than 1 % is not judged, and without a tacho a wander or pink noise leaves the angle unknown (D111).
     assert!(4 * n_healthy >= 3 * n, "{n_healthy} of {n} called healthy");
+}
+
+#[test]
+fn with_two_tachos_the_tooth_is_told_by_the_one_that_gave_the_angle() {
+    // The machine file says where tooth 1 of the driving gear is.
+    let is_driving = |seed: &u64| Pair::draw(&mut Pcg64Mcg::seed_from_u64(*seed)).damaged.0 == 0;
+    let seed = (0..100).find(is_driving).unwrap();
+    let (mut trial, place) = trial(&of_modulation(Kind::Broken, true, seed)).unwrap();
+    let tooth = |trial: &Trial| {
+        let diagnosis = trial.diagnose().unwrap().unwrap();
+        let gear = diagnosis.components.iter().find(|c| c.kind == ComponentKind::Gear).unwrap();
+        let found = gear.gear.clone().unwrap();
+        (found.member, found.tooth, found.angle_deg)
+    };
+    let by_one = tooth(&trial);
+    assert_eq!((by_one.0, by_one.1), (Some(place.side), Some(place.tooth)));
+    // Another one before it in the machine file, a third of a turn further on, which gives nothing.
+    let tacho = "[[sensor]]\nchannel = \"tacho\"";
+    let dead = "[[sensor]]\nchannel = \"dead\"\nkind = \"tacho\"\nat = { shaft = \"fast\" }\noffset_deg = 120\n";
+    let text = trial.measured.machine_text.replace(tacho, &format!("{dead}{tacho}"));
+    trial.measured.machine = Arc::new(file::parse(&text, "gearbox").unwrap());
+    trial.measured.channels.push(super::super::channel("dead", Unit::Volt, Hz(RATE_HZ)));
+    trial.measured.samples.push(vec![0.0; N_SAMPLES]);
+    let by_two = tooth(&trial);
+    assert_eq!(by_two.1, by_one.1);
+    let off = by_two.2.unwrap() - by_one.2.unwrap();
+    // The average begins at another angle, and so with other turns: less than a tenth of the least pitch.
+    assert!((off - 360.0 * (off / 360.0).round()).abs() < 0.3, "{by_one:?} {by_two:?}");
 }
