@@ -22,12 +22,12 @@ pub fn of(
 ) -> Result<String, OfflineError> {
     let machine = offline::machine_of(file, reference)?;
     let stretches = offline::stretches(file, reference, &diagnosis.sample_ranges)?;
-    let track = |s: offline::Stretch| Track {
-        info: s.info,
-        start: s.start,
-        start_s: s.start_s,
-        samples: s.samples,
+    let mut evened = offline::evened(file, reference, &stretches)?;
+    let mut track = |s: offline::Stretch| {
+        let at = evened.iter().position(|(name, ..)| *name == s.info.name);
+        let even = at.map(|at| evened.swap_remove(at)).map(|(_, samples, rate)| (samples, rate));
+        Track { info: s.info, start: s.start, start_s: s.start_s, samples: s.samples, even }
     };
-    let tracks: Vec<Track> = stretches.into_iter().map(track).collect();
+    let tracks: Vec<Track> = stretches.into_iter().map(&mut track).collect();
     Ok(html::page(&Subject { name, diagnosis, machine: &machine, tracks: &tracks, above }))
 }

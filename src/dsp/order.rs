@@ -169,6 +169,25 @@ impl PhaseTrack {
         Self::from_knots(&times_s, &revolutions)
     }
 
+    /// The same motion, its angle counted from a mark that comes so many revolutions earlier; `None` for a constant speed,
+    /// whose angle counts from no mark.
+    #[must_use]
+    pub fn counted_from(&self, earlier: f64) -> Option<Self> {
+        let more = |list: &[f64]| list.iter().map(|turned| turned + earlier).collect();
+        let knots = match &self.knots {
+            Knots::Constant { .. } => return None,
+            Knots::Pulses { times_s, revolutions } => {
+                Knots::Pulses { times_s: times_s.clone(), revolutions: more(revolutions) }
+            }
+            Knots::Smooth { times_s, revolutions, speed_hz } => Knots::Smooth {
+                times_s: times_s.clone(),
+                revolutions: more(revolutions),
+                speed_hz: speed_hz.clone(),
+            },
+        };
+        Some(Self { knots, ..*self })
+    }
+
     /// Pulses that were missing and have been bridged.
     #[must_use]
     pub fn n_missing(&self) -> usize {
@@ -332,6 +351,19 @@ mod tests {
         }
         let pulses = PhaseTrack::from_pulses(&regular(21), 1).unwrap();
         assert_eq!(pulses.moved_ahead(&knots), None, "a tacho is right by itself");
+    }
+
+    #[test]
+    fn a_track_counted_from_an_earlier_mark_is_the_same_motion() {
+        let pulses = PhaseTrack::from_pulses(&regular(21), 1).unwrap();
+        let smooth = PhaseTrack::from_knots(&regular(21), &regular(21)).unwrap();
+        for track in [pulses, smooth] {
+            let found = track.counted_from(0.25).unwrap();
+            let ahead = found.revolutions_at(0.3).unwrap() - track.revolutions_at(0.3).unwrap();
+            assert!((ahead - 0.25).abs() < 1e-12, "{ahead}");
+            assert!((found.speed_at(0.3).unwrap() - track.speed_at(0.3).unwrap()).abs() < 1e-9);
+        }
+        assert_eq!(PhaseTrack::constant(10.0).unwrap().counted_from(0.25), None);
     }
 
     #[test]

@@ -30,6 +30,7 @@ pub mod limit;
 pub mod orbit;
 mod outburst;
 pub mod run_up;
+mod at_speed;
 pub mod extract;
 
 use crate::signal::ChannelIndex;
@@ -121,7 +122,7 @@ pub struct WindowFeatures {
     pub sensors: Vec<sensor::SensorReading>,
     /// Named numbers by channel: what baselines and trends hold.
     pub channels: Vec<ChannelFeatures>,
-    /// 1× lines of the shafts over the noise around them, by channel.
+    /// Lines of the shafts over the noise around them, by channel.
     pub shaft_lines: Vec<shaft::OverFloor>,
     /// Searches for bearing defect lines.
     pub bearing_lines: Vec<bearing::LineSearch>,

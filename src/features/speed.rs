@@ -53,7 +53,7 @@ pub struct SpeedHints {
 /// The angle of the first shaft over a window.
 #[derive(Debug, Clone)]
 pub struct Phase {
-    /// Revolutions over time from the tacho's first sample.
+    /// Revolutions over time from the tacho's first sample; of several tachos' marks they count from that of the machine's first.
     pub track: PhaseTrack,
     /// Stream time of that sample, s.
     pub start_s: f64,

@@ -23,6 +23,7 @@ use crate::machine::Machine;
 use crate::machine::sensor::Sensor;
 use crate::machine::sensor::SensorKind;
 use crate::machine::sensor::TachoEdge;
+use crate::machine::sensor::TachoMark;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -48,7 +49,13 @@ pub fn measured_speed(
             Some((&machine.sensors[r.sensor], &channels[r.channel.0], run))
         })
     };
-    let by_tacho = of_kind(SensorKind::Tacho).find_map(|(s, info, x)| tacho(machine, s, info, x));
+    let mut tachos =
+        of_kind(SensorKind::Tacho).filter_map(|(s, info, x)| tacho(machine, s, info, x));
+    let mut by_tacho = tachos.next();
+    // The first to give pulses tells the speed; on a shaft of another speed it tells no angle, and the next may.
+    if let Some(measured) = by_tacho.as_mut().filter(|measured| measured.phase.is_none()) {
+        measured.phase = tachos.find_map(|other| other.phase);
+    }
     let by_channel =
         of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x));
     let measured = match (by_tacho, by_channel) {
@@ -123,13 +130,23 @@ fn tacho(
         excursion,
         turning: smooth.map(|track| Turning { track, start_s: run.time_s, excursion }),
         is_evened: false,
-        phase: same_shaft.then_some(Phase {
-            track: phase,
-            start_s: run.time_s,
-            is_marked: mark.pulses_per_rev == 1,
-        }),
+        phase: same_shaft
+            .then(|| from_the_common_mark(machine, &mark, &phase))
+            .flatten()
+            .map(|track| Phase { track, start_s: run.time_s, is_marked: mark.pulses_per_rev == 1 }),
         notes,
     })
+}
+
+/// The angle counted from the mark of the machine's first tacho, to which everything that has an angle refers, whichever tacho
+/// gave it: marks sit at different angles of the shaft (F10).
+fn from_the_common_mark(
+    machine: &Machine,
+    mark: &TachoMark,
+    track: &PhaseTrack,
+) -> Option<PhaseTrack> {
+    let common = machine.sensors.iter().find_map(|sensor| sensor.tacho)?;
+    track.counted_from((mark.offset_deg - common.offset_deg) / 360.0)
 }
 
 /// Longest stretch over which the speed is averaged, revolutions.
@@ -302,6 +319,65 @@ mod tests {
         let samples: Vec<f32> = (0..420_000).map(logic).collect();
         let speed = measured("t", Unit::Volt, &samples, 42e3).unwrap();
         assert!((1.5e-3..2.0e-3).contains(&speed.excursion), "{}", speed.excursion);
+    }
+
+    /// Two shafts geared 20 : 40 with a tacho on `shaft`, its mark at 30°, and one on the first, its mark at 120°: the angle at
+    /// a time by what these give, turns.
+    fn turned_with_two(shaft: &str, first: &[f32], second: &[f32], time_s: f64) -> Option<f64> {
+        let text = format!(
+            "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\n[[shaft]]\nid = 'slow'\n[[gear]]\nid = 'g'\n\
+             driving = {{ shaft = 's', teeth = 20 }}\ndriven = {{ shaft = 'slow', teeth = 40 }}\n\
+             [[sensor]]\nchannel = 'a'\nkind = 'tacho'\nat = {{ shaft = '{shaft}' }}\noffset_deg = 30\n\
+             [[sensor]]\nchannel = 'b'\nkind = 'tacho'\nat = {{ shaft = 's' }}\noffset_deg = 120\n"
+        );
+        let machine = file::parse(&text, "m.toml").unwrap();
+        let info = |name: &str| ChannelInfo {
+            name: name.to_owned(),
+            sample_rate: Hz(1000.0),
+            unit: Unit::Volt,
+            offset: 0.0,
+            unit_conflict: None,
+            full_scale: None,
+        };
+        let run = |samples| Some(ChannelWindow { start: 0, time_s: 0.0, samples });
+        let window = Window { time_s: (0.0, 5.0), channels: vec![run(first), run(second)] };
+        let reading = |sensor: usize| SensorReading {
+            sensor,
+            channel: ChannelIndex(sensor),
+            absent: None,
+            doubts: Vec::new(),
+            lost: Vec::new(),
+            flaw: None,
+            sample_range: (0, 5000),
+        };
+        let channels = [info("a"), info("b")];
+        let speed = measured_speed(&machine, &channels, &window, &[reading(0), reading(1)])?;
+        speed.phase.filter(|p| p.is_marked)?.track.revolutions_at(time_s)
+    }
+
+    #[test]
+    fn of_two_tachos_the_angle_is_that_of_the_one_that_gave_it() {
+        // 10 Hz: marks of the second at 0.05 s and every 0.1 s, and so 120° of the shaft there; it stood at 30° a quarter of a turn before.
+        let pulses = |every: usize, at: usize| -> Vec<f32> {
+            (0..5000)
+                .map(|i| if (at..at + 10).contains(&(i % every)) { 5.0 } else { 0.0 })
+                .collect()
+        };
+        let second = pulses(100, 50);
+        let part = |first: &[f32], shaft: &str, second: &[f32]| {
+            turned_with_two(shaft, first, second, 2.05).map(|turned| turned.rem_euclid(1.0))
+        };
+        let is_quarter = |part: Option<f64>| part.is_some_and(|p| (p - 0.25).abs() < 0.01);
+        // An edge lies half a sample before the first one that is high: 0.005 of a turn. The first tacho is dead, or on the shaft of half the speed.
+        assert!(is_quarter(part(&[0.0; 5000], "s", &second)));
+        assert!(is_quarter(part(&pulses(200, 20), "slow", &second)));
+        // Both live: by the first one, whose mark it counts from; it comes a quarter of a turn before the other's.
+        assert!(is_quarter(part(&pulses(100, 25), "s", &second)));
+        assert_eq!(
+            part(&pulses(200, 20), "slow", &[0.0; 5000]),
+            None,
+            "no mark on the first shaft"
+        );
     }
 
     #[test]

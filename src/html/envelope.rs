@@ -101,8 +101,8 @@ pub(super) fn figure(
     let track = find(tracks, &evidence.channel)?;
     let found = evidence.frequency.or(evidence.expected)?;
     let sensor = machine.sensors.iter().find(|sensor| sensor.channel == track.info.name)?;
-    let usable = bands::usable_band(sensor, track.info.sample_rate);
-    let depths = best_band(track, usable, found)?;
+    let (samples, rate) = track.for_lines();
+    let depths = best_band((samples, rate), bands::usable_band(sensor, rate), found)?;
     let orders = machine.bearings.iter().find(|b| b.id == component.id)?.fault_orders()?;
     let top_hz = (f64::from(HARMONICS) + 0.4) * found.0.max(shaft_hz);
     let shown: Vec<usize> =
@@ -124,7 +124,13 @@ pub(super) fn figure(
         cursors: cursors(line, found.0, shaft_hz, &orders),
     }
     .svg()?;
-    Some(Figure { svg, caption: caption(component, line, evidence, shaft_hz) })
+    let even = if track.even.is_some() {
+        " The speed changes: this is read at equal angles of the shaft, and frequencies are those at its mean speed."
+    } else {
+        ""
+    };
+    let caption = caption(component, line, evidence, shaft_hz);
+    Some(Figure { svg, caption: caption + even })
 }
 
 fn caption(
@@ -143,15 +149,18 @@ fn caption(
         DefectLine::TwoBsf => ", side bands one cage turn apart",
         DefectLine::Bpfo | DefectLine::Ftf => "",
     };
-    let verdict = if component.state.is_accusation() {
+    let is_small = evidence.value < evidence.threshold.unwrap_or(0.0);
+    let verdict = if component.state.is_accusation() && is_small {
+        "Another sign accuses, which is told above: in the envelope the line is too small to."
+    } else if component.state.is_accusation() {
         "A damaged surface is struck at this rate again and again, so the signal's strength rises and falls with it."
     } else {
         "A damaged surface would be struck at this rate; no line there rises far enough above its surroundings."
     };
     format!(
         "{verdict} Orange: {} {found}{expected}, and its harmonics{bands}. Green: where the other parts of the bearing \
-         would show. Grey: multiples of the shaft speed. Of the bands searched this is the one in which the line \
-         stands out most; the table gives the reading that decided.",
+         would show. Grey: multiples of the shaft speed. Of the bands read as measured this is the one in \
+         which the line stands out most; the table gives the reading that decided.",
         line.name()
     )
 }
@@ -193,27 +202,27 @@ fn cursors(line: DefectLine, found_hz: f64, shaft_hz: f64, orders: &FaultOrders)
 }
 
 /// Of the bands that are searched, the one in which the line stands out most.
-fn best_band(track: &Track, usable: (Hz, Hz), line: Hz) -> Option<Depths> {
+fn best_band((samples, rate): (&[f32], Hz), usable: (Hz, Hz), line: Hz) -> Option<Depths> {
     let mut cache = FftCache::new();
-    let n = track.samples.len();
+    let n = samples.len();
     if n < 64 {
         return None;
     }
     let mut forward = ForwardPlan::new(n, &mut cache);
     let mut x_hat = vec![Complex::new(0.0, 0.0); forward.n_bins()];
-    forward.process(&track.samples, &mut x_hat);
+    forward.process(samples, &mut x_hat);
     let whole = bands::demodulation_bands(usable, Hz(MIN_WIDTH_PER_LINE * line.0), bands::LEVELS);
     let lower = bands::lower_sets(usable, line, bands::LEVELS);
     let bands = whole.into_iter().chain(lower.into_iter().flatten());
     let depths = bands.filter(|band| !band.whitened).filter_map(|band| {
-        let bins = bins_of_band(n, track.fs_hz(), band.low.0, band.high.0)?;
+        let bins = bins_of_band(n, rate.0, band.low.0, band.high.0)?;
         let mut squared = SquaredEnvelopePlan::new(n, bins, &mut cache);
         let mut spectrum = EnvelopeSpectrumPlan::new(squared.out_len(), &mut cache);
         let mut e2 = vec![0.0; squared.out_len()];
         let mut values = vec![0.0; spectrum.n_bins()];
         squared.process(&x_hat, &mut e2);
         spectrum.process(&e2, &mut values)?;
-        let width_hz = spectrum.bin_width_hz(squared.out_rate_hz(track.fs_hz()));
+        let width_hz = spectrum.bin_width_hz(squared.out_rate_hz(rate.0));
         let prominence = prominence(&values, line.0 / width_hz)?;
         Some(Depths { values, width_hz, band: (band.low, band.high), prominence })
     });

@@ -1,6 +1,7 @@
 //! The samples a verdict rests on, as far as pictures need them.
 
 use crate::signal::ChannelInfo;
+use crate::units::Hz;
 
 /// A contiguous run of samples of one channel.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +14,8 @@ pub struct Track {
     pub start_s: f64,
     /// The samples, in the channel's unit, its offset left out.
     pub samples: Vec<f32>,
+    /// The samples that lines were read from, and their rate, where they are others: at equal angles of a shaft whose speed changes.
+    pub even: Option<(Vec<f32>, Hz)>,
 }
 
 impl Track {
@@ -25,6 +28,14 @@ impl Track {
         )]
         let n = (seconds * self.info.sample_rate.0).max(0.0) as usize;
         &self.samples[..n.min(self.samples.len())]
+    }
+
+    /// The samples that lines were read from, and their rate.
+    pub(super) fn for_lines(&self) -> (&[f32], Hz) {
+        match &self.even {
+            Some((samples, rate)) => (samples, *rate),
+            None => (&self.samples, self.info.sample_rate),
+        }
     }
 
     /// The channel's rate, Hz.

@@ -66,7 +66,7 @@ fn track(name: &str, phase: f64) -> Track {
         unit_conflict: None,
         full_scale: None,
     };
-    Track { info, start: 0, start_s: 0.0, samples }
+    Track { info, start: 0, start_s: 0.0, samples, even: None }
 }
 
 fn diagnosis() -> Diagnosis {
@@ -182,6 +182,34 @@ fn the_band_shown_is_the_one_that_swings_and_the_line_that_of_the_fault() {
     assert!(figure.svg.contains("<title>−1×: 88.30</title>"));
     assert!(figure.svg.contains("<title>BPFO: 71.70</title>"));
     assert!(figure.caption.contains("found at 108.30 Hz"));
+}
+
+#[test]
+fn a_line_too_small_to_accuse_is_not_shown_as_what_did() {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let mut diagnosis = diagnosis();
+    let caption = |bearing: &ComponentDiagnosis| {
+        envelope::figure(bearing, &machine, 20.0, &[track("x", 0.0)]).unwrap().caption
+    };
+    let bearing = &mut diagnosis.components[1];
+    assert!(caption(bearing).starts_with("A damaged surface is struck"), "{}", caption(bearing));
+    bearing.evidence.iter_mut().for_each(|line| line.value = 0.1);
+    assert!(caption(bearing).starts_with("Another sign accuses"), "{}", caption(bearing));
+}
+
+#[test]
+fn where_the_speed_changes_the_picture_is_of_equal_angles_and_says_so() {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let diagnosis = diagnosis();
+    let bearing = &diagnosis.components[1];
+    let sharp = track("x", 0.0);
+    let even = Some((sharp.samples.clone(), sharp.info.sample_rate));
+    let smeared = Track { samples: vec![0.0; sharp.samples.len()], even, ..sharp.clone() };
+    let figure = |track: Track| envelope::figure(bearing, &machine, 20.0, &[track]).unwrap();
+    let (steady, run) = (figure(sharp), figure(smeared));
+    assert_eq!(steady.svg, run.svg);
+    assert!(!steady.caption.contains("The speed changes"), "{}", steady.caption);
+    assert!(run.caption.ends_with("those at its mean speed."), "{}", run.caption);
 }
 
 #[test]

@@ -16,6 +16,9 @@ use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::rate::FalseAlarms;
 use crate::diagnosis::summary;
 use crate::diagnosis::verdict::Diagnosis;
+use crate::features::ChannelWindow;
+use crate::features::Extractor;
+use crate::features::Window;
 use crate::machine::Machine;
 use crate::machine::file::MachineFileErrors;
 use crate::machine::limits::Limits;
@@ -27,6 +30,7 @@ use crate::pipeline::Outcome;
 use crate::pipeline::Settings;
 use crate::pipeline::SpeedHints;
 use crate::pipeline::windows;
+use crate::signal::ChannelIndex;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -256,7 +260,42 @@ pub fn stretches(
     Ok(found.into_iter().flatten().map(|(_, stretch)| stretch).collect())
 }
 
+/// Of each channel whose lines are read at equal angles in these stretches, for the speed changes by more than they can bear, the samples that
+/// they are read from, by name, with their rate.
+///
+/// # Errors
+/// When the capture cannot be read.
+pub fn evened(
+    file: &Path,
+    reference: &Reference,
+    stretches: &[Stretch],
+) -> Result<Vec<(String, Vec<f32>, Hz)>, OfflineError> {
+    let (reader, machine) = open(file, reference)?;
+    let start_s = stretches.iter().map(|stretch| stretch.start_s).fold(f64::INFINITY, f64::min);
+    let end_s = stretches.iter().map(Stretch::end_s).fold(f64::NEG_INFINITY, f64::max);
+    let channels: Vec<ChannelInfo> = stretches.iter().map(|stretch| stretch.info.clone()).collect();
+    let window = Window {
+        time_s: (start_s, end_s),
+        channels: stretches.iter().map(|stretch| Some(stretch.run())).collect(),
+    };
+    let mut extractor = Extractor::new(machine, channels, hints(reader.info(), reference));
+    let named = |(channel, samples, rate): (ChannelIndex, Vec<f32>, Hz)| {
+        (stretches[channel.0].info.name.clone(), samples, rate)
+    };
+    Ok(extractor.evened(&window).into_iter().map(named).collect())
+}
+
 impl Stretch {
+    /// Its samples as a window has them.
+    fn run(&self) -> ChannelWindow<'_> {
+        ChannelWindow { start: self.start, time_s: self.start_s, samples: &self.samples }
+    }
+
+    /// Stream time one past the last sample, s.
+    fn end_s(&self) -> f64 {
+        self.start_s + self.samples.len() as f64 / self.info.sample_rate.0
+    }
+
     /// Drops all but the last `n` samples.
     fn keep_last(&mut self, n: f64) {
         #[expect(

@@ -127,3 +127,47 @@ fn a_capture_without_a_machine_is_judged_by_its_data_alone() {
     assert!(found.components.iter().any(|c| c.id == "x"), "a dead sensor is told: {found:?}");
     assert_eq!(found.samples_used, 5000);
 }
+
+#[test]
+fn pictures_of_a_run_up_are_of_equal_angles_as_its_lines_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\nspeed_hz = 20.0\n\
+                [[sensor]]\nchannel = 'x'\nkind = 'accelerometer'\nunit = 'g'\nat = { shaft = 's' }\n\
+                [[sensor]]\nchannel = 't'\nkind = 'tacho'\nunit = 'V'\nat = { shaft = 's' }\npulses_per_rev = 1\n";
+    let machine = Arc::new(crate::machine::file::parse(text, "m.toml").unwrap());
+    let reference = Reference { machine: Some(machine), ..Reference::default() };
+    let evened_at = |rise_hz_per_s: f64| {
+        let revolutions = |i: u32| {
+            let t = f64::from(i) / 4000.0;
+            20.0 * t + 0.5 * rise_hz_per_s * t * t
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "f32 is what a channel holds")]
+        let tone = |i| (std::f64::consts::TAU * 3.0 * revolutions(i)).cos() as f32;
+        let pulse = |i| f32::from(u8::from(revolutions(i).fract() < 0.1));
+        let file = folder.path().join(format!("{rise_hz_per_s}.h5"));
+        let mut writer = CaptureWriter::create(&file, &CaptureHeader::default()).unwrap();
+        let mut channel = |name: &str, unit: &str, samples: Vec<f32>| {
+            let header = ChannelHeader {
+                name: name.to_owned(),
+                sample_rate: Hz(4000.0),
+                unit: Some(unit.to_owned()),
+                sensor: None,
+                storage: ChannelStorage::Contiguous,
+            };
+            writer.channel(&header, ChannelSamples::F32(&samples)).unwrap();
+        };
+        channel("x", "g", (0..40_000).map(tone).collect());
+        channel("t", "V", (0..40_000).map(pulse).collect());
+        writer.finish().unwrap();
+        let ranges = ["x", "t"].map(|name| (name.to_owned(), 0, 40_000));
+        let stretches = stretches(&file, &reference, &ranges).unwrap();
+        evened(&file, &reference, &stretches).unwrap()
+    };
+    assert!(evened_at(0.0).is_empty(), "a steady shaft is read as it was sampled");
+    let [(name, samples, rate)] = &evened_at(0.5)[..] else { panic!("one channel vibrates") };
+    assert_eq!(name, "x");
+    // Whole points a revolution of the mean speed, about 22.5 Hz; 1 g is 9.81 m/s².
+    let points = (4000.0 / 22.5_f64).ceil();
+    let third = crate::dsp::line::line_at(samples, rate.0, 3.0 * rate.0 / points).unwrap();
+    assert!((third.amplitude / 9.80665 - 1.0).abs() < 0.01, "{} at {}", third.amplitude, rate.0);
+}

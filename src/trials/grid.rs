@@ -212,15 +212,10 @@ fn gear_tasks(plan: &Plan) -> Vec<Task> {
     for model in [gears::Model::Modulation, gears::Model::Stiffness] {
         for (has_tacho, has_baseline) in GEARS_HAVE {
             for seed in plan.first_seed..plan.first_seed + plan.n_seeds {
-                let kinds = gears::kinds(model).iter();
+                let controls = gears::controls(model).filter(|_| has_baseline);
+                let kinds = gears::kinds(model).iter().copied().chain(controls);
                 tasks.extend(kinds.filter(|k| k.is_healthy() || !plan.is_healthy).map(|kind| {
-                    Task::Gears(gears::Setting {
-                        model,
-                        kind: *kind,
-                        has_tacho,
-                        has_baseline,
-                        seed,
-                    })
+                    Task::Gears(gears::Setting { model, kind, has_tacho, has_baseline, seed })
                 }));
             }
         }

@@ -1,11 +1,12 @@
-//! Trials of a gear pair that the simulator has no part in: damaged teeth, wear, and healthy gears that only sound
-//! like it.
+//! Trials of a gear pair that the simulator has no part in: damaged teeth, wear, healthy gears that only sound
+//! like it, and healthy ones beside all kinds of noise ([`disturbance`]).
 //!
 //! Two models. [`modulation`] writes the mesh down as harmonics that the teeth modulate; [`stiffness`] lets a
 //! stiffness that changes from tooth to tooth drive an oscillator. Numbers of teeth, speed, transfer path, errors of the teeth and
 //! noise are drawn from the seed; the baseline is the same pair at another load with other noise. Seeds
 //! below 1000 are for those who set rules, figures come from the others. Must not know how gears are judged.
 
+pub mod disturbance;
 pub mod modulation;
 pub mod stiffness;
 
@@ -26,6 +27,7 @@ use crate::machine::file;
 use crate::pipeline::SpeedHints;
 use crate::units::Hz;
 use crate::units::Unit;
+use disturbance::Disturbance;
 use rand::RngExt;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -72,6 +74,8 @@ pub enum Kind {
     Pitted,
     /// All teeth are worn: the higher mesh harmonics have grown.
     Worn,
+    /// Healthy, beside something that is no tooth's.
+    Disturbed(Disturbance),
 }
 
 impl Kind {
@@ -86,6 +90,7 @@ impl Kind {
             Self::Broken => "broken tooth",
             Self::Pitted => "pitted teeth",
             Self::Worn => "distributed wear",
+            Self::Disturbed(disturbance) => disturbance.name(),
         }
     }
 
@@ -97,14 +102,14 @@ impl Kind {
 
     fn fault(self) -> Option<FaultMode> {
         match self {
-            Self::Healthy | Self::Eccentric | Self::Ghost => None,
+            Self::Healthy | Self::Eccentric | Self::Ghost | Self::Disturbed(_) => None,
             Self::Cracked | Self::Broken | Self::Pitted => Some(FaultMode::ToothDamage),
             Self::Worn => Some(FaultMode::DistributedWear),
         }
     }
 }
 
-/// What each model can be made of.
+/// What each model can be made of, whether there is a baseline or not.
 #[must_use]
 pub fn kinds(model: Model) -> &'static [Kind] {
     match model {
@@ -119,6 +124,13 @@ pub fn kinds(model: Model) -> &'static [Kind] {
         ],
         Model::Stiffness => &[Kind::Healthy, Kind::Eccentric, Kind::Cracked],
     }
+}
+
+/// What a pair that has a baseline is heard beside as well: without one nothing of a gear is told. The model has no part in it,
+/// and so the first alone is disturbed.
+pub fn controls(model: Model) -> impl Iterator<Item = Kind> {
+    let is_disturbed = model == Model::Modulation;
+    Disturbance::ALL.into_iter().filter(move |_| is_disturbed).map(Kind::Disturbed)
 }
 
 /// One trial.
@@ -282,7 +294,10 @@ impl Gearbox {
     fn record(&self, kind: Kind, seed: u64, gain: &mut Option<f64>) -> Measured {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let duration_s = N_SAMPLES as f64 / RATE_HZ;
-        let motion = Motion::Wander(if self.has_tacho { WANDER } else { STEADY });
+        let disturbance =
+            if let Kind::Disturbed(disturbance) = kind { Some(disturbance) } else { None };
+        let usual = if self.has_tacho { WANDER } else { STEADY };
+        let motion = Motion::Wander(disturbance.and_then(Disturbance::wander).unwrap_or(usual));
         let turn = Turn::draw(motion, self.pair.speed_hz, duration_s, &mut random);
         let occasion = Occasion { kind, load: random.random_range(0.9..1.1), turn };
         let mesh = self.path.hear(&self.voice.mesh(&self.pair, &occasion, &mut random));
@@ -297,6 +312,11 @@ impl Gearbox {
             let phase = random.random_range(0.0..TAU);
             vibration::add_order(&mut x, &occasion.turn, RATE_HZ, order, amplitude, phase);
         }
+        // Drawn from numbers of its own: all else is that of the healthy pair.
+        let mut foreign = Pcg64Mcg::seed_from_u64(seed + 1_000_000);
+        if let Some(disturbance) = disturbance {
+            disturbance.add(&mut x, &self.pair, &occasion.turn, &mut foreign);
+        }
         let mut channels = vec![super::channel("case", Unit::MetrePerSecondSquared, Hz(RATE_HZ))];
         let mut samples = vec![x.iter().map(|v| f32::rounded(*v)).collect()];
         if self.has_tacho {
@@ -309,6 +329,43 @@ impl Gearbox {
         let (machine, machine_text) = (Arc::clone(&self.machine), Arc::clone(&self.machine_text));
         Measured { machine, machine_text, channels, samples, hints }
     }
+
+    /// The healthy pair as a baseline.
+    fn baseline(&self, setting: &Setting, gain: &mut Option<f64>) -> Result<Baseline, String> {
+        let before = if setting.kind == Kind::Eccentric { Kind::Eccentric } else { Kind::Healthy };
+        let healthy = self.record(before, setting.seed + 1_000_000, gain);
+        let mut baseline = Baseline::default();
+        if setting.has_baseline {
+            baseline.records.push(healthy.learn("healthy").map_err(|e| e.to_string())?);
+        }
+        Ok(baseline)
+    }
+
+    /// A record of `setting` to be held against `baseline`.
+    fn trial(&self, setting: &Setting, baseline: Baseline, gain: &mut Option<f64>) -> Trial {
+        let measured = self.record(setting.kind, setting.seed + 2_000_000, gain);
+        // As of the rig: without a baseline nothing can be told of a gear.
+        let fault = setting.kind.fault().filter(|_| setting.has_baseline);
+        let known = fault.map(|fault| KnownFault { fault, component: Some(PAIR.to_owned()) });
+        let yes = |is: bool, what: &str| if is { what.to_owned() } else { format!("no {what}") };
+        let (tacho, with) =
+            (yes(setting.has_tacho, "tacho"), yes(setting.has_baseline, "baseline"));
+        let model = match setting.model {
+            Model::Modulation => "modulation",
+            Model::Stiffness => "stiffness",
+        };
+        let group = format!("gears by {model}, {tacho}, {with}");
+        Trial {
+            name: format!("{group}, {}, seed {}", setting.kind.name(), setting.seed),
+            label: setting.kind.name().to_owned(),
+            group,
+            known: Known::Faults(known.into_iter().collect()),
+            speed: Hz(self.pair.speed_hz),
+            is_visible: None,
+            measured,
+            baseline,
+        }
+    }
 }
 
 /// Makes a trial, and says where the damage is.
@@ -318,33 +375,8 @@ impl Gearbox {
 pub fn trial(setting: &Setting) -> Result<(Trial, Place), String> {
     let gearbox = Gearbox::draw(setting)?;
     let mut gain = None;
-    let before = if setting.kind == Kind::Eccentric { Kind::Eccentric } else { Kind::Healthy };
-    let healthy = gearbox.record(before, setting.seed + 1_000_000, &mut gain);
-    let measured = gearbox.record(setting.kind, setting.seed + 2_000_000, &mut gain);
-    let mut baseline = Baseline::default();
-    if setting.has_baseline {
-        baseline.records.push(healthy.learn("healthy").map_err(|e| e.to_string())?);
-    }
-    // As of the rig: without a baseline nothing can be told of a gear.
-    let fault = setting.kind.fault().filter(|_| setting.has_baseline);
-    let known = fault.map(|fault| KnownFault { fault, component: Some(PAIR.to_owned()) });
-    let yes = |is: bool, what: &str| if is { what.to_owned() } else { format!("no {what}") };
-    let (tacho, with) = (yes(setting.has_tacho, "tacho"), yes(setting.has_baseline, "baseline"));
-    let model = match setting.model {
-        Model::Modulation => "modulation",
-        Model::Stiffness => "stiffness",
-    };
-    let group = format!("gears by {model}, {tacho}, {with}");
-    let trial = Trial {
-        name: format!("{group}, {}, seed {}", setting.kind.name(), setting.seed),
-        label: setting.kind.name().to_owned(),
-        group,
-        known: Known::Faults(known.into_iter().collect()),
-        speed: Hz(gearbox.pair.speed_hz),
-        is_visible: None,
-        measured,
-        baseline,
-    };
+    let baseline = gearbox.baseline(setting, &mut gain)?;
+    let trial = gearbox.trial(setting, baseline, &mut gain);
     Ok((trial, gearbox.pair.place()))
 }
 
@@ -391,48 +423,4 @@ fn tacho(turn: &Turn) -> Vec<f32> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_damaged_tooth_is_at_the_pitch_point_where_it_is_said_to_be() {
-        for seed in 0..50 {
-            let pair = Pair::draw(&mut Pcg64Mcg::seed_from_u64(seed));
-            let place = pair.place();
-            let gear = pair.damaged.0;
-            let ratio = pair.turns(1.0)[gear];
-            for turns in [0.0, 1.0, 7.0] {
-                let past = pair.pitches_past_damage((place.turn + turns) / ratio);
-                assert!(past.abs() < 1e-9, "{seed}: {past}");
-            }
-            // Both wheels have a tooth there at once.
-            let pitches = pair.turns(place.turn / ratio);
-            let off = |i: usize| (pitches[i] - pair.tooth_1_at[i]) * f64::from(pair.teeth[i]);
-            assert!(
-                (off(0) - off(0).round()).abs() < 1e-9 && (off(1) - off(1).round()).abs() < 1e-9
-            );
-            let mesh_hz = f64::from(pair.teeth[0]) * pair.speed_hz;
-            assert!(3.0 * mesh_hz < TOP_HZ + 1e-9 && pair.speed_hz >= 12.0);
-        }
-    }
-
-    #[test]
-    fn same_seed_same_record_and_damage_is_the_only_difference_of_kinds() {
-        let setting = Setting {
-            model: Model::Modulation,
-            kind: Kind::Cracked,
-            has_tacho: true,
-            has_baseline: false,
-            seed: 3,
-        };
-        let record = |kind: Kind| trial(&Setting { kind, ..setting }).unwrap().0.measured.samples;
-        let cracked = record(Kind::Cracked);
-        assert_eq!(cracked, record(Kind::Cracked));
-        let healthy = record(Kind::Healthy);
-        assert_eq!(cracked[1], healthy[1], "the tacho");
-        let gap = cracked[0].iter().zip(&healthy[0]).map(|(a, b)| f64::from(a - b).powi(2));
-        // The tooth is in contact for 1.6 pitches of 17 and more, and heard for some milliseconds.
-        let rms = (gap.sum::<f64>() / N_SAMPLES as f64).sqrt();
-        assert!(rms > 0.01 && rms < 0.5, "{rms}");
-    }
-}
+mod tests;

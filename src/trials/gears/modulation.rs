@@ -120,7 +120,12 @@ impl Voice {
         let (n_teeth, scatter) = match occasion.kind {
             Kind::Broken => (1, 0.1),
             Kind::Pitted => (3, 0.4),
-            Kind::Healthy | Kind::Eccentric | Kind::Ghost | Kind::Cracked | Kind::Worn => return,
+            Kind::Healthy
+            | Kind::Eccentric
+            | Kind::Ghost
+            | Kind::Cracked
+            | Kind::Worn
+            | Kind::Disturbed(_) => return,
         };
         let mut strikes = vec![0.0; x.len()];
         let mut before = pair.pitches_past_damage(0.0);

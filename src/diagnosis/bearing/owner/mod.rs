@@ -27,7 +27,8 @@ const BEYOND: f64 = 0.005;
 ///
 /// A geometry known well goes before one that leaves more open than slip. Then the side bands
 /// decide if those of one kind alone stand: at FTF for rolling elements, unless the rate is nearer to that of their race at rest, at 1× for
-/// races. Their absence proves nothing.
+/// races. None is ruled out because its own do not stand: noise may hide them. Where faint ones would be seen, their absence tells something, too:
+/// [`is_unturned`] (C4, C44).
 pub(super) fn owners<'a>(
     features: &'a WindowFeatures,
     search: &'a LineSearch,
