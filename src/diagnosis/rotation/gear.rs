@@ -132,13 +132,40 @@ fn accuse_of_a_tooth(
     );
     let owner =
         reading.map_or(Owner::Shaft(shaft), |r| gear_place::owner(gear, r, features, context));
-    verdict.gear = Some(match owner {
+    let found = match owner {
         Owner::Shaft(shaft) => {
             let at = reading.and_then(|r| gear_place::clearest(r, shaft, features, context));
             finding(gear, shaft, at, context)
         }
         Owner::Unclear => GearFinding::default(),
-    });
+    };
+    if let Some(why) = why_no_tooth(owner, &found, features, context) {
+        verdict.why = format!("{}; no tooth is told: {why}", verdict.why);
+    }
+    verdict.gear = Some(found);
+}
+
+/// Why a damage has no tooth, or not even an angle; `None` if it has both.
+fn why_no_tooth(
+    owner: Owner,
+    found: &GearFinding,
+    features: &WindowFeatures,
+    context: &Context<'_>,
+) -> Option<String> {
+    let Owner::Shaft(shaft) = owner else {
+        return Some("it shows in the averages over both shafts".to_owned());
+    };
+    let id = &context.machine.shaft(shaft).id;
+    match (found.angle_deg, found.tooth) {
+        (Some(_), Some(_)) => None,
+        (Some(_), None) => {
+            Some(format!("tooth_1_at_deg of the gear on {id} is not in the machine file"))
+        }
+        (None, _) if features.speed.phase.as_ref().is_some_and(|phase| !phase.is_marked) => {
+            Some("the tacho gives several pulses a revolution".to_owned())
+        }
+        (None, _) => Some(format!("no tacho marks {id}")),
+    }
 }
 
 /// Growth of the mesh harmonics in the channel of an average.

@@ -9,8 +9,8 @@ use crate::features::gear::GearReading;
 use crate::features::gear::Part;
 use crate::units::Unit;
 
-/// FM4, M6A, M8A and NA4* of the whole average behind a reading; NB4* and the swing of the phase around the mesh harmonic
-/// that was the strongest when healthy.
+/// FM0, FM4, M6A, M8A, energy ratio, side-band level factor and NA4* of the whole average behind a reading; NB4* and the swing of the phase
+/// around the mesh harmonic that was the strongest when healthy.
 pub(super) fn figures(
     found: &GearReading,
     features: &WindowFeatures,
@@ -20,9 +20,12 @@ pub(super) fn figures(
     let Some(whole) = of(Part::Whole) else { return Vec::new() };
     let around = of(Part::Around(strongest_harmonic(whole, context)));
     let all = [
+        ("fm0", whole.figures.fm0, Unit::One),
         ("fm4", whole.figures.fm4, Unit::One),
         ("m6a", whole.figures.m6a, Unit::One),
         ("m8a", whole.figures.m8a, Unit::One),
+        ("energy_ratio", whole.figures.energy_ratio, Unit::One),
+        ("sideband_level_factor", whole.figures.sideband_level_factor, Unit::One),
         ("na4_star", against_healthy(whole, context), Unit::One),
         ("nb4_star", around.and_then(|r| against_healthy(r, context)), Unit::One),
         ("mesh_phase_swing_rad", around.and_then(|r| r.phase_swing_rad), Unit::One),

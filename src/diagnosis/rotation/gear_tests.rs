@@ -60,6 +60,17 @@ fn energy_that_wanders_from_turn_to_turn_is_no_tooth() {
 }
 
 #[test]
+fn why_a_damage_has_no_tooth_is_told() {
+    let signs = Signs { once: 30.0, local: Some(20.0), ..Signs::HEALTHY };
+    let why = |has_angle: bool| {
+        let reading = GearReading { has_angle, ..gear_reading(1000.0, ONE_TOOTH) };
+        of(&judged_with(signs, true, true, vec![reading]), "mesh").why.clone()
+    };
+    assert!(why(false).contains("no tooth is told: no tacho marks"), "{}", why(false));
+    assert!(!why(true).contains("no tacho"), "{}", why(true));
+}
+
+#[test]
 fn figures_of_merit_are_shown_against_the_baseline() {
     let shape = |deviation: f64, kurtosis: f64| Some(Shape { deviation, kurtosis });
     let whole = GearReading { shape: shape(2.0 * HEALTHY, 3.0), ..gear_reading(1000.0, 2.0) };
