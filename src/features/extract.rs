@@ -318,10 +318,7 @@ fn quantity(kind: SensorKind) -> Option<Quantity> {
 fn gear_inputs<'a>(machine: &Machine, traces: &'a [Trace<'_>]) -> Vec<gear::Input<'a>> {
     traces
         .iter()
-        .filter(|t| {
-            let kind = machine.sensors[t.sensor].kind;
-            matches!(kind, SensorKind::Accelerometer | SensorKind::Velocity)
-        })
+        .filter(|t| machine.sensors[t.sensor].kind == SensorKind::Accelerometer)
         .map(|t| gear::Input {
             sensor: t.sensor,
             channel: t.channel,

@@ -52,9 +52,13 @@ pub fn measured_speed(
     let mut tachos =
         of_kind(SensorKind::Tacho).filter_map(|(s, info, x)| tacho(machine, s, info, x));
     let mut by_tacho = tachos.next();
-    // The first to give pulses tells the speed; on a shaft of another speed it tells no angle, and the next may.
-    if let Some(measured) = by_tacho.as_mut().filter(|measured| measured.phase.is_none()) {
-        measured.phase = tachos.find_map(|other| other.phase);
+    // The first to give pulses tells the speed. On a shaft of another speed it tells no angle, of several pulses none that counts from a
+    // mark; the next may.
+    if let Some(measured) = by_tacho.as_mut().filter(|measured| !is_marked(measured)) {
+        let (marked, others): (Vec<Speed>, Vec<Speed>) = tachos.partition(is_marked);
+        let own = measured.phase.take();
+        let first = |of: Vec<Speed>| of.into_iter().find_map(|other| other.phase);
+        measured.phase = first(marked).or(own).or_else(|| first(others));
     }
     let by_channel =
         of_kind(SensorKind::Speed).find_map(|(s, info, x)| speed_channel(machine, s, info, x));
@@ -136,6 +140,11 @@ fn tacho(
             .map(|track| Phase { track, start_s: run.time_s, is_marked: mark.pulses_per_rev == 1 }),
         notes,
     })
+}
+
+/// Whether an angle is known that counts from a mark.
+fn is_marked(speed: &Speed) -> bool {
+    speed.phase.as_ref().is_some_and(|phase| phase.is_marked)
 }
 
 /// The angle counted from the mark of the machine's first tacho, to which everything that has an angle refers, whichever tacho
@@ -323,11 +332,17 @@ mod tests {
 
     /// Two shafts geared 20 : 40 with a tacho on `shaft`, its mark at 30°, and one on the first, its mark at 120°: the angle at
     /// a time by what these give, turns.
-    fn turned_with_two(shaft: &str, first: &[f32], second: &[f32], time_s: f64) -> Option<f64> {
+    fn turned_with_two(
+        (shaft, pulses_per_rev): (&str, u32),
+        first: &[f32],
+        second: &[f32],
+        time_s: f64,
+    ) -> Option<f64> {
         let text = format!(
             "[machine]\nid = 'm'\n[[shaft]]\nid = 's'\n[[shaft]]\nid = 'slow'\n[[gear]]\nid = 'g'\n\
              driving = {{ shaft = 's', teeth = 20 }}\ndriven = {{ shaft = 'slow', teeth = 40 }}\n\
              [[sensor]]\nchannel = 'a'\nkind = 'tacho'\nat = {{ shaft = '{shaft}' }}\noffset_deg = 30\n\
+             pulses_per_rev = {pulses_per_rev}\n\
              [[sensor]]\nchannel = 'b'\nkind = 'tacho'\nat = {{ shaft = 's' }}\noffset_deg = 120\n"
         );
         let machine = file::parse(&text, "m.toml").unwrap();
@@ -365,12 +380,15 @@ mod tests {
         };
         let second = pulses(100, 50);
         let part = |first: &[f32], shaft: &str, second: &[f32]| {
-            turned_with_two(shaft, first, second, 2.05).map(|turned| turned.rem_euclid(1.0))
+            turned_with_two((shaft, 1), first, second, 2.05).map(|turned| turned.rem_euclid(1.0))
         };
         let is_quarter = |part: Option<f64>| part.is_some_and(|p| (p - 0.25).abs() < 0.01);
         // An edge lies half a sample before the first one that is high: 0.005 of a turn. The first tacho is dead, or on the shaft of half the speed.
         assert!(is_quarter(part(&[0.0; 5000], "s", &second)));
         assert!(is_quarter(part(&pulses(200, 20), "slow", &second)));
+        // The first is a wheel of two pulses, which counts from no mark.
+        let wheel = turned_with_two(("s", 2), &pulses(50, 20), &second, 2.05);
+        assert!(is_quarter(wheel.map(|turned| turned.rem_euclid(1.0))));
         // Both live: by the first one, whose mark it counts from; it comes a quarter of a turn before the other's.
         assert!(is_quarter(part(&pulses(100, 25), "s", &second)));
         assert_eq!(

@@ -169,12 +169,17 @@ fn known_lines(
 /// Multiples of the pole pass (K12) at which a rotor with a broken bar modulates what is heard: its torque pulsates at the first two.
 const POLE_PASSES: u32 = 4;
 
+/// Most slip, relative to the synchronous speed, with which an induction motor runs: beyond, an inverter feeds it otherwise than is stated.
+const MOST_SLIP: f64 = 0.1;
+
 /// Lines at the pole-pass frequencies of the machine's motors. Not those beside the shaft's harmonics at that distance: they are of the
 /// vibration itself, not of its envelope.
 fn pole_passes(machine: &Machine, first: Hz) -> impl Iterator<Item = KnownLine> {
     let spacings = machine.motors.iter().filter_map(move |motor| {
-        let spacing = motor.pole_pass_frequency(machine.shaft_speed(motor.shaft, first)?)?;
-        (spacing.0 > 0.0).then_some(spacing)
+        let speed = machine.shaft_speed(motor.shaft, first)?;
+        let (slip, spacing) = (motor.slip_speed(speed)?, motor.pole_pass_frequency(speed)?);
+        let is_fed_so = slip.0.abs() <= MOST_SLIP * (speed.0 + slip.0);
+        (spacing.0 > 0.0 && is_fed_so).then_some(spacing)
     });
     spacings.flat_map(|spacing| {
         (1..=POLE_PASSES).map(move |k| KnownLine {
@@ -329,6 +334,7 @@ mod tests {
         };
         assert_eq!(passes(28.0), [8.0, 16.0, 24.0, 32.0]);
         assert!(passes(30.0).is_empty(), "no slip, no pole pass");
+        assert!(passes(19.8).is_empty(), "fed by an inverter");
     }
 
     #[test]

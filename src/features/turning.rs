@@ -77,8 +77,8 @@ pub(super) fn even(
 /// What is said of lines that are smeared.
 pub(super) fn smeared(turning: &Turning) -> String {
     format!(
-        "the speed changes by {:.2} % within the window, more than lines can bear, and the angle is known over less than {:.0} % of it: lines are \
-         read smeared, and a defect may be hidden; a tacho over the whole record would tell",
+        "the speed changes by {:.2} % within the window, more than lines can bear, and is not evened out, for which the angle must be known over \
+         {:.0} % of it: lines are read smeared, and a defect may be hidden; a tacho over the whole record would tell",
         100.0 * turning.excursion,
         100.0 * COVERED
     )

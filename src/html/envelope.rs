@@ -99,7 +99,9 @@ pub(super) fn figure(
 ) -> Option<Figure> {
     let (line, evidence) = deciding(component)?;
     let track = find(tracks, &evidence.channel)?;
-    let found = evidence.frequency.or(evidence.expected)?;
+    // Several windows of a run-up are judged; what is drawn is the newest.
+    let at_speed = evidence.order.filter(|_| track.even.is_some()).map(|o| Hz(o * shaft_hz));
+    let found = at_speed.or(evidence.frequency).or(evidence.expected)?;
     let sensor = machine.sensors.iter().find(|sensor| sensor.channel == track.info.name)?;
     let (samples, rate) = track.for_lines();
     let depths = best_band((samples, rate), bands::usable_band(sensor, rate), found)?;
@@ -125,7 +127,8 @@ pub(super) fn figure(
     }
     .svg()?;
     let even = if track.even.is_some() {
-        " The speed changes: this is read at equal angles of the shaft, and frequencies are those at its mean speed."
+        " The speed changes: this is drawn at equal angles of the shaft, and frequencies in the picture are those at the mean speed of the newest \
+         window."
     } else {
         ""
     };
@@ -151,7 +154,7 @@ fn caption(
     };
     let is_small = evidence.value < evidence.threshold.unwrap_or(0.0);
     let verdict = if component.state.is_accusation() && is_small {
-        "Another sign accuses, which is told above: in the envelope the line is too small to."
+        "Its growth or another sign accuses, which is told above: by itself the line is too small to."
     } else if component.state.is_accusation() {
         "A damaged surface is struck at this rate again and again, so the signal's strength rises and falls with it."
     } else {

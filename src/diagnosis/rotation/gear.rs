@@ -156,8 +156,13 @@ fn why_no_tooth(
         return Some("it shows in the averages over both shafts".to_owned());
     };
     let id = &context.machine.shaft(shaft).id;
+    let is_as_first = same_speed(shaft, ShaftIndex(0), context);
     match (found.angle_deg, found.tooth) {
         (Some(_), Some(_)) => None,
+        (None, _) if !is_as_first => Some(
+            "angles are told of shafts alone that turn as the first one of the machine file"
+                .to_owned(),
+        ),
         (Some(_), None) => {
             Some(format!("tooth_1_at_deg of the gear on {id} is not in the machine file"))
         }

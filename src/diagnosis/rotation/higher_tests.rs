@@ -20,6 +20,8 @@ use crate::features::WindowFeatures;
 use crate::features::speed::Speed;
 use crate::features::speed::SpeedSource;
 use crate::machine::Machine;
+use crate::machine::ShaftIndex;
+use crate::machine::motor::Motor;
 use crate::machine::sensor::SensorKind;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
@@ -32,13 +34,17 @@ struct Heard {
     first: Hz,
     /// Power of its 2× over the noise.
     over_noise: f64,
+    /// Of the speed.
+    source: SpeedSource,
+    confidence: f64,
 }
 
 impl Heard {
     fn by(kind: SensorKind) -> Self {
         let mut machine = machine(false);
         machine.sensors[1].kind = kind;
-        Self { machine, first: Hz(10.0), over_noise: 1000.0 }
+        let (first, source) = (Hz(10.0), SpeedSource::Tacho);
+        Self { machine, first, over_noise: 1000.0, source, confidence: 1.0 }
     }
 
     fn features(lines: [f64; 3]) -> Vec<ChannelFeatures> {
@@ -58,8 +64,8 @@ impl Heard {
         let baseline = Baseline { records: vec![record], provisional: false };
         let speed = Speed {
             first: Some(self.first),
-            source: Some(SpeedSource::Tacho),
-            confidence: 1.0,
+            source: Some(self.source),
+            confidence: self.confidence,
             ..Speed::unknown()
         };
         let mut features = WindowFeatures { speed, ..window(Self::features(now)) };
@@ -111,6 +117,22 @@ fn one_that_is_small_or_noise_or_the_mains_accuses_nobody() {
     // 2× of 25.02 Hz lies within 0.2 Hz + 0.2 % of 50 Hz; that of 24 Hz does not.
     assert_eq!(state(Heard { first: Hz(25.02), ..accelerometer() }, before, large), State::Healthy);
     assert_eq!(state(Heard { first: Hz(24.0), ..accelerometer() }, before, large), State::Warning);
+    let written = Heard { source: SpeedSource::Machine, confidence: 0.5, ..accelerometer() };
+    assert_eq!(state(written, before, large), State::Healthy, "read beside the line, perhaps");
+}
+
+#[test]
+fn the_field_of_a_synchronous_motor_accuses_no_shaft() {
+    // Of four poles at 12.5 Hz: fed with 25 Hz, which is 2×.
+    let state = |poles: u32| {
+        let mut heard = Heard { first: Hz(12.5), ..Heard::by(SensorKind::Accelerometer) };
+        let shaft = heard.machine.shafts.iter().position(|shaft| shaft.id == "main").unwrap();
+        let shaft = ShaftIndex(shaft);
+        heard.machine.motors =
+            vec![Motor { shaft, poles, line_frequency: None, synchronous: true }];
+        heard.judged([1.0, 0.5, 0.1], [1.1, 4.0, 0.1]).state
+    };
+    assert_eq!((state(4), state(6)), (State::Healthy, State::Warning));
 }
 
 #[test]
@@ -120,6 +142,20 @@ fn velocity_tells_of_1x_as_acceleration_does() {
     assert_eq!(unbalance.fault, Some(FaultMode::Unbalance), "{}", unbalance.why);
     // A quarter of 1×, and ten times what it was: of a velocity as much as that of the shaft's motion.
     assert_eq!(heard.judged([1.0, 0.2, 0.1], [8.0, 2.0, 0.1]).fault, None);
+}
+
+#[test]
+fn what_a_shaft_of_another_speed_may_do_accuses_nobody() {
+    // 2× of the shaft is 1× of one that turns twice as fast, or 6× of one that turns a third as fast.
+    for (ratio, state) in
+        [(2.0, State::Healthy), (1.0 / 3.0, State::Healthy), (2.3, State::Warning)]
+    {
+        let mut heard = Heard::by(SensorKind::Accelerometer);
+        let other = heard.machine.shafts.iter().position(|shaft| shaft.id != "main").unwrap();
+        heard.machine.shafts[other].ratio_to_first = Some(ratio);
+        let shaft = heard.judged([1.0, 0.5, 0.1], [1.1, 4.0, 0.1]);
+        assert_eq!(shaft.state, state, "{ratio}: {}", shaft.why);
+    }
 }
 
 /// The verdict on the probed shaft where 2× and 3× are so many times as large as they were.

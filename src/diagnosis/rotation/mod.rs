@@ -16,6 +16,7 @@ mod gear_figures;
 mod gear_place;
 
 use super::Context;
+use super::confidence;
 use super::fault::FaultMode;
 use super::fault::State;
 use super::severity;
@@ -84,8 +85,13 @@ pub(super) fn is_moved(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let signs = signs::signs(shaft, features, context);
+    let signs = signs::signs(shaft, features, &as_usual(context));
     signs.displacement.as_ref().is_some_and(Indicator::is_up)
+}
+
+/// The same context, in which a rise counts as there by the usual measure: what spares others need not be as sure as what accuses.
+fn as_usual<'a>(context: &Context<'a>) -> Context<'a> {
+    Context { false_alarm_probability: confidence::FALSE_ALARM_PROBABILITY, ..*context }
 }
 
 /// Whether anything tells that a shaft turns otherwise than it did and loads its bearings so: its 1× is up in a probe or a housing.
@@ -95,7 +101,7 @@ pub(super) fn is_loaded_otherwise(
     features: &WindowFeatures,
     context: &Context<'_>,
 ) -> bool {
-    let signs = signs::signs(shaft, features, context);
+    let signs = signs::signs(shaft, features, &as_usual(context));
     let once = [&signs.displacement, &signs.cwt, &signs.housing];
     once.into_iter().flatten().any(Indicator::is_up)
 }
