@@ -136,7 +136,7 @@ pub(super) fn open(
         limit_bytes,
         "projected size of trends"
     );
-    let Limits { max_bytes, .. } = limits(config, n_channels)?;
+    let Limits { max_bytes, .. } = fitting(config, n_channels, (needed, limit_bytes))?;
     let budget = Budget { max_bytes, for_recordings: for_recordings(config), recordings };
     let (keeper, mut plan, holdings) = join(Box::new(store), budget, metrics.trends());
     let archive = Arc::new(SqliteTrendArchive::new(directory));
@@ -157,7 +157,15 @@ fn for_recordings(config: &Config) -> u64 {
 /// # Errors
 /// What they need and have.
 pub(super) fn limits(config: &Config, n_channels: usize) -> Result<Limits, StartError> {
-    let (needed, limit_bytes) = needed(config, n_channels);
+    fitting(config, n_channels, needed(config, n_channels))
+}
+
+/// The same, where it is known what trends take and have.
+fn fitting(
+    config: &Config,
+    n_channels: usize,
+    (needed, limit_bytes): (Projection, u64),
+) -> Result<Limits, StartError> {
     if needed.total() > limit_bytes {
         return Err(StartError::Trends { n_channels, needed, limit_bytes });
     }

@@ -134,7 +134,7 @@ fn reliability(summary: &Summary<'_>) -> String {
             lines,
             cursors: Vec::new(),
         };
-        let caption = "Bins of equal confidence with exact 95 % intervals; calibrated verdicts lie on the dashed line.";
+        let caption = "Classes of confidence with 95 % intervals, by drawing records again and exact ones together; calibrated verdicts lie on the dashed line, and such as say too little above it.";
         if let Some(svg) = chart.svg().filter(|_| !points.is_empty()) {
             out.push_str(&format!(
                 "<figure>\n{svg}<figcaption>{caption}</figcaption>\n</figure>\n"

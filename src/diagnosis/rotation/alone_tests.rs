@@ -1,20 +1,15 @@
 //! What is made of 1×, 2× and 3× of a housing.
 
-use super::judge;
+use super::tests::by_tacho;
 use super::tests::channels;
+use super::tests::judged_by_housing;
 use super::tests::machine;
-use super::tests::of;
 use super::tests::window;
-use crate::diagnosis::Context;
-use crate::diagnosis::baseline::Baseline;
-use crate::diagnosis::baseline::Record;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::WindowFeatures;
-use crate::features::speed::Speed;
-use crate::features::speed::SpeedSource;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use crate::units::Unit;
@@ -44,30 +39,8 @@ impl Heard<'_> {
 fn judged(healthy: &Heard<'_>, now: &Heard<'_>, rate: Hz) -> ComponentDiagnosis {
     let mut channels = channels();
     channels[1].sample_rate = rate;
-    let record = Record::of_windows("h", &[(Some(Hz(10.0)), healthy.features())], &channels);
-    let baseline = Baseline { records: vec![record], provisional: false };
-    let speed = Speed {
-        first: Some(Hz(10.0)),
-        source: Some(SpeedSource::Tacho),
-        confidence: 1.0,
-        ..Speed::unknown()
-    };
-    let features = WindowFeatures { speed, ..window(now.features()) };
-    let verdicts = judge(
-        &features,
-        &[],
-        &Context {
-            machine: &machine(false),
-            channels: &channels,
-            channel_of_sensor: &[None, Some(ChannelIndex(1))],
-            baseline: &baseline,
-            runs: &Baseline::default(),
-            offered_baselines: 1,
-            void_baselines: None,
-            false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
-        },
-    );
-    of(&verdicts, "main").clone()
+    let features = WindowFeatures { speed: by_tacho(Hz(10.0)), ..window(now.features()) };
+    judged_by_housing(&machine(false), &channels, healthy.features(), &features)
 }
 
 #[test]

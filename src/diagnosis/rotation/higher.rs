@@ -6,7 +6,6 @@ use super::alone;
 use super::signs;
 use super::signs::Indicator;
 use crate::diagnosis::Context;
-use crate::diagnosis::confidence;
 use crate::features::ChannelFeatures;
 use crate::features::WindowFeatures;
 use crate::features::shaft;
@@ -64,18 +63,6 @@ pub(super) fn higher(
     Some(risen)
 }
 
-/// Whether the line is there and not the noise's, in any of the cells it is the highest of.
-pub(super) fn is_over_noise(
-    (shaft, order): (ShaftIndex, u8),
-    channel: &ChannelFeatures,
-    features: &WindowFeatures,
-) -> bool {
-    of_line((shaft, order), channel, features).any(|line| {
-        confidence::cell_tail(line.power_ratio, line.floor_dof) * shaft::LINE_CELLS
-            <= confidence::FALSE_ALARM_PROBABILITY
-    })
-}
-
 /// Whether the line stands over the noise with so many times its power.
 fn stands_over(
     line: (ShaftIndex, u8),
@@ -83,17 +70,7 @@ fn stands_over(
     channel: &ChannelFeatures,
     features: &WindowFeatures,
 ) -> bool {
-    of_line(line, channel, features).any(|line| line.power_ratio >= power_ratio)
-}
-
-fn of_line<'a>(
-    (shaft, order): (ShaftIndex, u8),
-    channel: &ChannelFeatures,
-    features: &'a WindowFeatures,
-) -> impl Iterator<Item = &'a shaft::OverFloor> {
-    let channel = channel.channel;
-    let lines = features.shaft_lines.iter();
-    lines.filter(move |l| (l.shaft, l.order, l.channel) == (shaft, order, channel))
+    signs::of_line(line, channel, features).any(|line| line.power_ratio >= power_ratio)
 }
 
 /// Whether it is large beside 1×, by what keeps an unbalance from being named: a third of the displacement, a fifth of the velocity.
@@ -118,8 +95,8 @@ fn is_of_mains(rate: Hz, features: &WindowFeatures, machine: &Machine) -> bool {
         motor.supply_frequency(machine.shaft_speed(motor.shaft, features.speed.first?)?)
     });
     let fed: Vec<f64> = of_motors.map(|supply| supply.0).collect();
-    let is_near = |hz: f64, of_hz: f64| (hz - of_hz).abs() <= MAINS_WANDER * hz;
-    let is_known = fed.iter().any(|fed| MAINS_HZ.iter().any(|mains| is_near(*mains, *fed)));
+    let is_mains = |fed: &f64| MAINS_HZ.iter().any(|hz| (hz - fed).abs() <= MAINS_WANDER * hz);
+    let is_known = fed.iter().any(is_mains);
     let mains = MAINS_HZ.iter().filter(|_| !is_known);
     fed.iter().chain(mains).any(|line| {
         (1..=OF_MAINS).any(|multiple| {

@@ -1,16 +1,13 @@
 //! 2× and 3× that rise while 1× does not.
 
-use super::judge;
 use super::tests::Signs;
+use super::tests::by_tacho;
 use super::tests::channels;
+use super::tests::judged_by_housing;
 use super::tests::judged_with;
 use super::tests::machine;
 use super::tests::of;
 use super::tests::window;
-use crate::diagnosis::Context;
-use crate::diagnosis::baseline::Baseline;
-use crate::diagnosis::baseline::Record;
-use crate::diagnosis::confidence;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
@@ -58,31 +55,13 @@ impl Heard {
 
     /// The verdict on the shaft by 1×, 2× and 3×, in good health and now.
     fn judged(&self, healthy: [f64; 3], now: [f64; 3]) -> ComponentDiagnosis {
-        let channels = channels();
-        let windows = [(Some(self.first), Self::features(healthy))];
-        let record = Record::of_windows("h", &windows, &channels);
-        let baseline = Baseline { records: vec![record], provisional: false };
-        let speed = Speed {
-            first: Some(self.first),
-            source: Some(self.source),
-            confidence: self.confidence,
-            ..Speed::unknown()
-        };
+        let (source, confidence) = (Some(self.source), self.confidence);
+        let speed = Speed { source, confidence, ..by_tacho(self.first) };
         let mut features = WindowFeatures { speed, ..window(Self::features(now)) };
         for line in features.shaft_lines.iter_mut().filter(|line| line.order == 2) {
             line.power_ratio = self.over_noise;
         }
-        let context = Context {
-            machine: &self.machine,
-            channels: &channels,
-            channel_of_sensor: &[None, Some(ChannelIndex(1))],
-            baseline: &baseline,
-            runs: &Baseline::default(),
-            offered_baselines: 1,
-            void_baselines: None,
-            false_alarm_probability: confidence::FALSE_ALARM_PROBABILITY,
-        };
-        of(&judge(&features, &[], &context), "main").clone()
+        judged_by_housing(&self.machine, &channels(), Self::features(healthy), &features)
     }
 }
 

@@ -97,7 +97,7 @@ pub(super) fn signs(
     let line = shaft::line_name(1, id);
     // A 1× that is lost in noise has no ratio: its amplitude is the noise's, which scatters widely.
     let shows_line =
-        |channel: &ChannelFeatures, _: &str| higher::is_over_noise((shaft, 1), channel, features);
+        |channel: &ChannelFeatures, _: &str| is_over_noise((shaft, 1), channel, features);
     let displacement =
         strongest(&probes, std::slice::from_ref(&line), features, context, &shows_line);
     let any = |_: &ChannelFeatures, _: &str| true;
@@ -138,6 +138,29 @@ pub(super) fn signs(
         indicator.evidence.order = speed.map(|_| 1.0);
     }
     signs
+}
+
+/// Whether the line is there and not the noise's, in any of the cells it is the highest of.
+fn is_over_noise(
+    (shaft, order): (ShaftIndex, u8),
+    channel: &ChannelFeatures,
+    features: &WindowFeatures,
+) -> bool {
+    of_line((shaft, order), channel, features).any(|line| {
+        confidence::cell_tail(line.power_ratio, line.floor_dof) * shaft::LINE_CELLS
+            <= confidence::FALSE_ALARM_PROBABILITY
+    })
+}
+
+/// The readings of a line over the noise in a channel: one, or none.
+pub(super) fn of_line<'a>(
+    (shaft, order): (ShaftIndex, u8),
+    channel: &ChannelFeatures,
+    features: &'a WindowFeatures,
+) -> impl Iterator<Item = &'a shaft::OverFloor> {
+    let channel = channel.channel;
+    let lines = features.shaft_lines.iter();
+    lines.filter(move |l| (l.shaft, l.order, l.channel) == (shaft, order, channel))
 }
 
 /// Whether a probe looks at `shaft`, by the machine file; one without a place looks at any.

@@ -215,6 +215,34 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
     }
 }
 
+/// A speed that a tacho gives.
+pub(super) fn by_tacho(first: Hz) -> Speed {
+    let (first, source) = (Some(first), Some(SpeedSource::Tacho));
+    Speed { first, source, confidence: 1.0, ..Speed::unknown() }
+}
+
+/// The verdict on the shaft of a machine without gear and probe, against these features of its housing in good health.
+pub(super) fn judged_by_housing(
+    machine: &Machine,
+    channels: &[ChannelInfo],
+    healthy: Vec<ChannelFeatures>,
+    features: &WindowFeatures,
+) -> ComponentDiagnosis {
+    let record = Record::of_windows("h", &[(features.speed.first, healthy)], channels);
+    let baseline = Baseline { records: vec![record], provisional: false };
+    let context = Context {
+        machine,
+        channels,
+        channel_of_sensor: &[None, Some(ChannelIndex(1))],
+        baseline: &baseline,
+        runs: &Baseline::default(),
+        offered_baselines: 1,
+        void_baselines: None,
+        false_alarm_probability: crate::diagnosis::confidence::FALSE_ALARM_PROBABILITY,
+    };
+    of(&judge(features, &[], &context), "main").clone()
+}
+
 fn judged(signs: Signs, with_gear: bool, with_baseline: bool) -> Vec<ComponentDiagnosis> {
     judged_with(signs, with_gear, with_baseline, vec![gear_reading(1000.0, ONE_TOOTH)])
 }
@@ -240,12 +268,7 @@ pub(super) fn judged_beside(
     let record = Record::of_windows("h", &[(Some(Hz(10.0)), healthy)], &channels);
     let records = if with_baseline { vec![record] } else { Vec::new() };
     let baseline = Baseline { records, provisional: false };
-    let speed = Speed {
-        first: Some(Hz(10.0)),
-        source: Some(SpeedSource::Tacho),
-        confidence: 1.0,
-        ..Speed::unknown()
-    };
+    let speed = by_tacho(Hz(10.0));
     let features = WindowFeatures { speed, gears, ..window(features(signs)) };
     let with_probe = signs.displacement.is_some();
     let channel_of_sensor = [with_probe.then_some(ChannelIndex(0)), Some(ChannelIndex(1))];
