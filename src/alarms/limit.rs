@@ -12,6 +12,7 @@ use crate::diagnosis::verdict::OperatingState;
 use crate::features::ChannelFeatures;
 use crate::features::limit;
 use crate::features::overall;
+use crate::features::vector;
 use crate::machine::Component;
 use crate::machine::Machine;
 use crate::machine::alarm_limit::AlarmLimit;
@@ -155,7 +156,7 @@ impl LimitJudge {
             Recipe::One(name) => vec![name],
             Recipe::Without { rms, line } => vec![rms, line],
             Recipe::Distance { from, .. } => vec![from],
-            Recipe::VectorDistance { .. } => vec![limit::VECTOR_COS, limit::VECTOR_SIN],
+            Recipe::VectorDistance { .. } => vec![vector::COS, vector::SIN],
             Recipe::Vote(_) => Vec::new(),
         };
         let members = self.members.iter();
@@ -339,8 +340,8 @@ fn value(
             (in_unit(value, unit, limit)? - reference).abs()
         }
         Recipe::VectorDistance { reference } => {
-            let (cos, unit) = look(channel, limit::VECTOR_COS, one)?;
-            let (sin, _) = look(channel, limit::VECTOR_SIN, two)?;
+            let (cos, unit) = look(channel, vector::COS, one)?;
+            let (sin, _) = look(channel, vector::SIN, two)?;
             in_unit((cos - reference.0).hypot(sin - reference.1), unit, limit)?
         }
         Recipe::Vote(_) => return None,

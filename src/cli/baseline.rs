@@ -17,6 +17,7 @@ use crate::diagnosis::baseline::Record;
 use crate::diagnosis::baseline::signed;
 use crate::diagnosis::baseline::signed::SignError;
 use crate::diagnosis::baseline::signed::Signed;
+use crate::features::vector;
 use crate::offline;
 use crate::offline::OfflineError;
 use crate::offline::Reference;
@@ -299,9 +300,12 @@ fn show(arguments: &ShowArguments) -> Result<String, BaselineError> {
     for record in &held.signed.records {
         text.push_str(&format!("  {}: {}\n", record.name, record.windows_text()));
         for ((channel, feature), usual) in &record.usual {
-            let scatter =
-                usual.log_scatter.map_or_else(String::new, |s| format!(", ± {:.1} %", 100.0 * s));
-            let value = usual.log_value.exp();
+            let scatter = match usual.log_scatter {
+                Some(scatter) if vector::is_direction(feature) => format!(", ± {scatter:.3}"),
+                Some(scatter) => format!(", ± {:.1} %", 100.0 * scatter),
+                None => String::new(),
+            };
+            let value = usual.value(feature);
             text.push_str(&format!("    {channel} {feature}: {value:.4e}{scatter}\n"));
         }
     }

@@ -22,6 +22,7 @@ use super::speed;
 use super::speed::Phase;
 use super::speed::Speed;
 use super::trace::Trace;
+use super::vector;
 use crate::dsp::cwt::MorletPlan;
 use crate::dsp::fft::FftCache;
 use crate::machine::Machine;
@@ -90,6 +91,7 @@ impl Reader<'_> {
             let info = &self.channels[trace.channel.0];
             let run = (info.sample_rate, info.unit);
             found.pieces.extend(run_up::pieces(machine, trace, run, speed));
+            keep_direction(machine, &found.shaft_lines, (info.sample_rate, speed), trace);
         }
         found
     }
@@ -132,8 +134,9 @@ impl Reader<'_> {
             trace.features.extend(limit::orders(machine, sensor, run, first, info.unit));
             let run = (trace.all.samples, info.sample_rate);
             let start_s = trace.start_s();
-            let found = limit::vector(machine, sensor, run, start_s, phase, info.unit);
-            trace.features.extend(found);
+            if limit::asks_for_vector(machine, sensor) {
+                trace.features.extend(vector::read(run, start_s, phase, info.unit));
+            }
         }
         lines
     }
@@ -185,6 +188,28 @@ impl Reader<'_> {
         }
         found
     }
+}
+
+/// Adds where 1× points to the features of a probe that looks at the first shaft, whose mark it is, or at one of its speed.
+fn keep_direction(
+    machine: &Machine,
+    lines: &[shaft::OverFloor],
+    (rate, speed): (Hz, &Speed),
+    trace: &mut Trace<'_>,
+) {
+    let sensor = &machine.sensors[trace.sensor];
+    // What a probe without a place sees is the first shaft's.
+    let at = machine.shaft_at(sensor).unwrap_or(ShaftIndex(0));
+    let ratio = machine.shafts.get(at.0).and_then(|shaft| shaft.ratio_to_first);
+    let is_of_first = ratio.is_some_and(|ratio| (ratio - 1.0).abs() < 1e-9);
+    if sensor.kind != SensorKind::Proximitor || !is_of_first || speed.is_transient() {
+        return;
+    }
+    let is_once = |l: &&shaft::OverFloor| (l.shaft, l.order, l.channel) == (at, 1, trace.channel);
+    let over_floor = lines.iter().find(is_once).map_or(0.0, |line| line.power_ratio);
+    let run = (trace.all.samples, rate);
+    let found = vector::direction(run, trace.start_s(), speed.phase.as_ref(), over_floor);
+    trace.features.extend(found);
 }
 
 /// Adds the combs to the features of the pairs' first channels.

@@ -1,4 +1,4 @@
-//! Numbers that only a stated limit asks for: RMS in a band, lines at any order, the vector of 1×.
+//! Numbers that only a stated limit asks for: RMS in a band, lines at any order; and whether it asks for the vector of 1×.
 //!
 //! Nothing is measured that no limit of the machine names. Must not know thresholds.
 
@@ -6,7 +6,6 @@ use super::Feature;
 use super::overall;
 use super::plans::Plans;
 use super::shaft;
-use super::speed::Phase;
 use crate::dsp::integrate;
 use crate::dsp::line;
 use crate::dsp::real::floor_index;
@@ -18,7 +17,6 @@ use crate::machine::alarm_limit::Reference;
 use crate::units::Hz;
 use crate::units::Unit;
 use rustfft::num_complex::Complex;
-use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Name of the feature "displacement RMS in the band of ISO 20816, 10–1000 Hz".
@@ -26,12 +24,6 @@ pub const DISPLACEMENT_RMS: &str = "displacement_rms_10_1000_hz";
 
 /// Name of the feature "largest minus smallest sample".
 pub const PEAK_TO_PEAK: &str = "peak_to_peak";
-
-/// Name of the cosine part A·cos φ of the vector of 1×.
-pub const VECTOR_COS: &str = "vector_1x_cos";
-
-/// Name of the sine part A·sin φ of the vector of 1×; φ is the lag behind the mark.
-pub const VECTOR_SIN: &str = "vector_1x_sin";
 
 /// Mean of the squared Hann window.
 const HANN_POWER: f64 = 0.375;
@@ -164,52 +156,12 @@ pub fn orders(
     found
 }
 
-/// The vector of 1× of the first shaft, if a limit on `sensor` names it and a mark on the shaft gives its
-/// angle; `start_s`: stream time of the first of `samples`, as sampled.
+/// Whether a limit on `sensor` asks for the vector of 1×.
 #[must_use]
-pub fn vector(
-    machine: &Machine,
-    sensor: usize,
-    (samples, rate): (&[f32], Hz),
-    start_s: f64,
-    phase: Option<&Phase>,
-    unit: Unit,
-) -> Vec<Feature> {
+pub fn asks_for_vector(machine: &Machine, sensor: usize) -> bool {
     let is_vector =
         |quantity: &Quantity| matches!(quantity, Quantity::Change(Reference::Vector { .. }));
-    let marked = phase.filter(|phase| phase.is_marked);
-    let Some(phase) = marked.filter(|_| wanted(machine, sensor).any(is_vector)) else {
-        return Vec::new();
-    };
-    let turns = |i: usize| phase.track.revolutions_at(start_s - phase.start_s + i as f64 / rate.0);
-    let Some((cos, sin)) = once_a_revolution(samples, turns) else { return Vec::new() };
-    let feature = |name: &str, value| Feature { name: Arc::from(name), value, unit };
-    vec![feature(VECTOR_COS, cos), feature(VECTOR_SIN, sin)]
-}
-
-/// A·cos φ and A·sin φ of the part A·cos(θ − φ) that turns with the shaft (F17), θ = 2π·`turns`(i);
-/// Hann-weighted over the samples whose angle is known. `None` below three revolutions.
-pub(super) fn once_a_revolution(
-    samples: &[f32],
-    turns: impl Fn(usize) -> Option<f64>,
-) -> Option<(f64, f64)> {
-    let known: Vec<(f64, f64)> =
-        samples.iter().enumerate().filter_map(|(i, x)| Some((f64::from(*x), turns(i)?))).collect();
-    let n = known.len() as f64;
-    let (from, to) = (known.first()?.1, known.last()?.1);
-    if to - from < line::MIN_PERIODS {
-        return None;
-    }
-    let mean = known.iter().map(|(x, _)| x).sum::<f64>() / n;
-    let (mut cos, mut sin, mut weights) = (0.0, 0.0, 0.0);
-    for (i, (x, turns)) in known.iter().enumerate() {
-        let weight = 0.5 - 0.5 * (TAU * (i as f64 + 0.5) / n).cos();
-        let (s, c) = (TAU * turns.fract()).sin_cos();
-        cos += weight * (x - mean) * c;
-        sin += weight * (x - mean) * s;
-        weights += weight;
-    }
-    Some((2.0 * cos / weights, 2.0 * sin / weights))
+    wanted(machine, sensor).any(is_vector)
 }
 
 /// The shaft whose line a limit takes out, for its name.
@@ -228,9 +180,11 @@ mod tests {
     use crate::features::Extractor;
     use crate::features::Window;
     use crate::features::speed::SpeedHints;
+    use crate::features::vector;
     use crate::machine::file;
     use crate::signal::ChannelIndex;
     use crate::signal::ChannelInfo;
+    use std::f64::consts::TAU;
 
     const RATE: Hz = Hz(2000.0);
 
@@ -278,31 +232,6 @@ mod tests {
         // Variance 1/12; the Hann-weighted estimate of 2500 and 10,000 cells scatters by 2 and 1 %.
         assert!((power(0.0, 1000.0) * 12.0 - 1.0).abs() < 0.05);
         assert!((power(250.0, 500.0) * 48.0 - 1.0).abs() < 0.1);
-    }
-
-    #[test]
-    fn the_vector_is_that_of_the_part_that_turns() {
-        // 1× of 3 at 40° of lag, 2× of 5, a line beside, over 50.3 turns at a speed that rises.
-        let n = 20_000;
-        let turns = |i: usize| {
-            let t = i as f64 / f64::from(n);
-            50.0 * t + 0.3 * t * t
-        };
-        let x: Vec<f32> = (0..n)
-            .map(|i| {
-                let i = usize::try_from(i).unwrap();
-                let angle = TAU * turns(i);
-                let other = (TAU * 17.3 * i as f64 / f64::from(n)).cos();
-                let lag = 40.0_f64.to_radians();
-                f32::rounded(3.0 * (angle - lag).cos() + 5.0 * (2.0 * angle).cos() + other + 1.0)
-            })
-            .collect();
-        let (cos, sin) = once_a_revolution(&x, |i| Some(turns(i))).unwrap();
-        // Lines 30 and more cells away: Hann's 1/d³ leaves below 1e-4 of them.
-        assert!((cos.hypot(sin) - 3.0).abs() < 1e-3, "{cos} {sin}");
-        assert!((sin.atan2(cos).to_degrees() - 40.0).abs() < 0.02, "{cos} {sin}");
-        assert_eq!(once_a_revolution(&x[..1000], |i| Some(turns(i))), None, "2.5 turns");
-        assert_eq!(once_a_revolution(&x, |_| None), None);
     }
 
     #[test]
@@ -364,7 +293,7 @@ mod tests {
         assert!((value("rms_150_250_hz") - 2.0_f64.sqrt()).abs() < 1e-4);
         assert!((value("line_0.5x_main") - 0.7).abs() < 1e-3);
         // The edge of a pulse is known to a sample: 1/200 of a turn, 1.8°.
-        let (cos, sin) = (value(VECTOR_COS), value(VECTOR_SIN));
+        let (cos, sin) = (value(vector::COS), value(vector::SIN));
         assert!((cos.hypot(sin) - 3.0).abs() < 0.01, "{cos} {sin}");
         assert!((sin.atan2(cos).to_degrees() - 40.0).abs() < 2.0, "{cos} {sin}");
     }

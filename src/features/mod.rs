@@ -27,6 +27,7 @@ pub mod absolute;
 pub mod comb;
 pub mod gear;
 pub mod limit;
+pub mod vector;
 pub mod orbit;
 mod outburst;
 pub mod run_up;

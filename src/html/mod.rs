@@ -14,7 +14,11 @@ use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::State;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::Diagnosis;
+use crate::machine::GearIndex;
 use crate::machine::Machine;
+use crate::machine::sensor::Location;
+use crate::machine::sensor::Sensor;
+use crate::machine::sensor::SensorKind;
 use crate::plot::escaped;
 use envelope::Figure;
 pub use parts::state;
@@ -110,18 +114,38 @@ fn of_component(component: &ComponentDiagnosis, subject: &Subject<'_>) -> Option
             let bearing = machine.bearings.iter().find(|b| b.id == component.id)?;
             envelope::figure(component, machine, speed_of(bearing.shaft)?, subject.tracks)
         }
-        ComponentKind::Gear if component.state != State::Undetermined => {
-            let mesh = machine.gears.iter().find(|gear| gear.id == component.id)?;
+        ComponentKind::Gear => {
+            let at = machine.gears.iter().position(|gear| gear.id == component.id)?;
+            let mesh = &machine.gears[at];
             let turns = (speed_of(mesh.driving.shaft)?, speed_of(mesh.driven.shaft)?);
-            let mut named = component.evidence.iter().map(|evidence| evidence.channel.as_str());
-            let track = named.find_map(|name| recording::find(subject.tracks, name))?;
-            figures::wavelet_map(mesh, turns, track)
+            let mut figure =
+                figures::wavelet_map(mesh, turns, hearing(GearIndex(at), component, subject)?)?;
+            if component.state == State::Undetermined {
+                figure.caption.push_str(OPEN);
+            }
+            Some(figure)
         }
-        ComponentKind::Gear
-        | ComponentKind::Shaft
-        | ComponentKind::Sensor
-        | ComponentKind::Machine => None,
+        ComponentKind::Shaft | ComponentKind::Sensor | ComponentKind::Machine => None,
     }
+}
+
+/// What is said of the map of a gear that was not judged.
+const OPEN: &str = " It was not judged: what sound teeth leave comes back so, too.";
+
+/// The channel to show of a gear: one that its evidence names, else of a sensor at the mesh, else of any on a housing.
+fn hearing<'t>(
+    gear: GearIndex,
+    component: &ComponentDiagnosis,
+    subject: &Subject<'t>,
+) -> Option<&'t Track> {
+    let is_at = |sensor: &&Sensor| sensor.at == Some(Location::Gear(gear));
+    let is_housing =
+        |sensor: &&Sensor| matches!(sensor.kind, SensorKind::Accelerometer | SensorKind::Velocity);
+    let housings = || subject.machine.sensors.iter().filter(is_housing);
+    let sensors = housings().filter(is_at).chain(housings());
+    let named = component.evidence.iter().map(|evidence| evidence.channel.as_str());
+    let mut names = named.chain(sensors.map(|sensor| sensor.channel.as_str()));
+    names.find_map(|name| recording::find(subject.tracks, name))
 }
 
 /// Channels worth showing: those the evidence names, then other vibration.

@@ -159,6 +159,25 @@ fn a_page_shows_every_verdict_with_its_pictures_and_needs_nothing_else() {
 }
 
 #[test]
+fn a_gear_that_was_not_judged_has_its_map_too() {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let mut diagnosis = diagnosis();
+    let open = ComponentDiagnosis::undetermined("mesh", ComponentKind::Gear, "no baseline".into());
+    diagnosis.components[0] = open;
+    let tracks = [track("x", 0.0), track("y", 0.3)];
+    let name = "r.h5";
+    let page = page(&Subject {
+        name,
+        diagnosis: &diagnosis,
+        machine: &machine,
+        tracks: &tracks,
+        above: "",
+    });
+    assert!(page.contains("Wavelet map of x, mesh mesh") && page.contains("It was not judged"));
+    assert!(!with(&tracks).contains("It was not judged"));
+}
+
+#[test]
 fn the_band_shown_is_the_one_that_swings_and_the_line_that_of_the_fault() {
     let machine = file::parse(MACHINE, "rig.toml").unwrap();
     let diagnosis = diagnosis();

@@ -96,6 +96,8 @@ pub enum Task {
         healthy: rig::Setting,
         /// Noise below the vibration, dB.
         noise_db: Vec<Option<f64>>,
+        /// At which of it the rig is tried without its tacho too.
+        no_tacho_db: &'static [f64],
         /// Combinations.
         bad: Vec<Bad>,
     },
@@ -114,11 +116,12 @@ const MOTIONS: [(&str, Motion, bool); 5] = [
 const DEFECT_DB: [f64; 4] = [-10.0, -5.0, 0.0, 5.0];
 
 /// Clearance, µm (below 0: preload), and mesh load, N·m, of the rig.
-const LOADS: [(f64, f64); 5] = [(2.0, 1.0), (2.0, 2.0), (8.0, 1.0), (8.0, 2.0), (-2.0, 2.0)];
+const LOADS: [(f64, f64); 6] =
+    [(2.0, 1.0), (2.0, 2.0), (8.0, 1.0), (8.0, 2.0), (-2.0, 1.0), (-2.0, 2.0)];
 
 /// Noise below the vibration, dB, at which the rig is tried without its tacho too, and how far the written speed is
 /// off then, to either side.
-const NO_TACHO_NOISE_DB: f64 = 20.0;
+const NO_TACHO_NOISE_DB: [f64; 2] = [20.0, 6.0];
 const WRITTEN_SPEED_ERROR: f64 = 0.02;
 
 /// All tasks of a plan, in order.
@@ -254,6 +257,7 @@ fn rig_tasks(plan: &Plan) -> Vec<Task> {
                     seed: plan.first_seed,
                 },
                 noise_db: noise_db.clone(),
+                no_tacho_db: if plan.is_thin { &[] } else { &NO_TACHO_NOISE_DB },
                 bad: bad.clone(),
             });
         }
@@ -272,14 +276,14 @@ impl Task {
                 sink(drawn::trial(group, setting).map_err(|e| e.to_string()));
             }
             Self::Gears(setting) => sink(gears::trial(setting).map(|(trial, _)| trial)),
-            Self::Rig { healthy, noise_db, bad } => {
+            Self::Rig { healthy, noise_db, no_tacho_db, bad } => {
                 let twin = match Rig::healthy_twin(healthy) {
                     Ok(twin) => twin,
                     Err(error) => return sink(Err(error.to_string())),
                 };
                 for bad in bad {
                     match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
-                        Ok(rig) => each_noise(&rig, &twin, noise_db, sink),
+                        Ok(rig) => each_noise(&rig, &twin, (noise_db, no_tacho_db), sink),
                         Err(error) => sink(Err(error.to_string())),
                     }
                 }
@@ -291,7 +295,7 @@ impl Task {
 fn each_noise(
     rig: &Rig,
     twin: &Rig,
-    noise_db: &[Option<f64>],
+    (noise_db, no_tacho_db): (&[Option<f64>], &[f64]),
     sink: &mut dyn FnMut(Result<Trial, String>),
 ) {
     for noise in noise_db {
@@ -299,11 +303,12 @@ fn each_noise(
         for (baseline, twin) in [("no baseline", None), ("baseline", Some(twin))] {
             let group = format!("rig, {level}, {baseline}");
             sink(rig.trial(&group, *noise, twin).map_err(|e| e.to_string()));
-        }
-        if *noise == Some(NO_TACHO_NOISE_DB) {
+            if noise.is_none_or(|db| !no_tacho_db.contains(&db)) {
+                continue;
+            }
             for (name, error) in [("low", -WRITTEN_SPEED_ERROR), ("high", WRITTEN_SPEED_ERROR)] {
-                let group = format!("rig, {level}, no baseline, no tacho, speed 2 % {name}");
-                let trial = rig.trial(&group, *noise, None).map_err(|e| e.to_string());
+                let group = format!("{group}, no tacho, speed 2 % {name}");
+                let trial = rig.trial(&group, *noise, twin).map_err(|e| e.to_string());
                 sink(trial.map(|trial| trial.without_tacho(error)));
             }
         }

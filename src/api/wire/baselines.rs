@@ -86,7 +86,7 @@ pub struct UsualWire {
     pub feature: Vec<String>,
     /// Median over the windows, in the feature's unit.
     pub value: Vec<Option<f64>>,
-    /// Standard deviation of the natural logarithm between windows; null: too few windows.
+    /// Standard deviation of the natural logarithm between windows, of `direction_1x_cos` and `_sin` of themselves; null: too few windows.
     pub log_scatter: Vec<Option<f64>>,
     /// Windows that have the feature.
     pub n_windows: Vec<usize>,
@@ -168,7 +168,7 @@ impl BaselineDetailWire {
                 usual.record.push(place);
                 usual.channel.push(channel.clone());
                 usual.feature.push(feature.clone());
-                usual.value.push(finite(found.log_value.exp()));
+                usual.value.push(finite(found.value(feature)));
                 usual.log_scatter.push(found.log_scatter.and_then(finite));
                 usual.n_windows.push(found.n_windows);
             }

@@ -212,7 +212,9 @@ async function orbit(host, ctx, plot) {
 async function trend(host, ctx, plot) {
   const { machine, signal } = ctx;
   const { indicator, threshold, unit } = plot.evidence;
-  const feature = indicator.replace(/_ratio_to_baseline$/, "").replace(/_line_/, "_");
+  // Where 1× points has two parts, of either sign.
+  const points = indicator === "vector_1x_change";
+  const feature = points ? "direction_1x_cos" : indicator.replace(/_ratio_to_baseline$/, "").replace(/_line_/, "_");
   const answer = await get(`${channelPath(machine.id, plot.channel)}/trend`, { max_points: 1000 }, signal);
   const column = answer.features.find((one) => one.name === indicator) ?? answer.features.find((one) => one.name === feature) ?? answer.features.find((one) => one.name === "rms");
   if (!column) throw new Error("no trend of it is held");
@@ -222,7 +224,7 @@ async function trend(host, ctx, plot) {
     title: `Trend of ${column.name}`,
     ...timeAxis(answer.start_time),
     y: { label: `${column.name.replaceAll("_", " ")} (${shown || "1"})` },
-    fromZero: true,
+    fromZero: !points,
     height: 220,
     series: [{ name: column.name, x: column.time_s, y: column.value.map((v) => (v === null ? null : v * factor)), points: column.value.length < 60 }],
     limits: column.name === indicator && threshold !== null && column.unit === unit ? [{ y: threshold * factor, label: "threshold" }] : [],

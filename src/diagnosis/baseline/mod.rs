@@ -5,12 +5,15 @@
 //! scatter between and within records (C6). Once learned a record never changes: [`signed`] gives it an
 //! id by its content. Must not know where baselines are kept.
 
+mod direction;
 mod kept;
 mod record;
 pub mod robust;
 pub mod signed;
 mod state;
 
+pub use direction::Direction;
+pub use direction::of_channel as direction_of;
 pub use record::Offered;
 pub use record::Record;
 pub use record::Unfit;
@@ -26,6 +29,7 @@ use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::run_up;
 use crate::signal::ChannelInfo;
+use crate::units::Hz;
 use crate::units::Unit;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
@@ -180,6 +184,12 @@ impl Baseline {
         Some(Comparison { ratio: (value.ln() - mean).exp(), sigma, n_records: usual.len() })
     }
 
+    /// Where the vector of 1× of a channel points by the records at `speed` (J10); `None`: none of them says, or they disagree.
+    #[must_use]
+    pub fn direction(&self, channel: &str, speed: Hz) -> Option<Direction> {
+        Direction::of(&self.records, channel, speed)
+    }
+
     /// What each record that has it says of a channel's feature.
     #[must_use]
     pub fn usual(&self, channel: &str, feature: &str) -> Vec<Usual> {
@@ -230,7 +240,6 @@ fn fitting(record: &Record, now: &OperatingPoint) -> String {
 mod tests {
     use super::*;
     use crate::diagnosis::fault::ComponentKind;
-    use crate::units::Hz;
 
     fn record(name: &str, speed: f64, value: f64) -> Record {
         let key = ("x".to_owned(), "rms".to_owned());

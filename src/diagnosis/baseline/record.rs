@@ -1,11 +1,13 @@
 //! One healthy record: its features over its windows, told robustly, and which windows went into it.
 
+use super::direction;
 use super::is_ratio;
 use super::robust;
 use super::state::OperatingPoint;
 use crate::features::ChannelFeatures;
 use crate::features::Feature;
 use crate::features::run_up;
+use crate::features::vector;
 use crate::signal::ChannelInfo;
 use crate::units::Hz;
 use crate::units::SourceUnit;
@@ -16,9 +18,9 @@ use std::sync::Arc;
 /// What is usual of a feature in a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Usual {
-    /// Median of ln(value) over the windows.
+    /// Median of ln(value) over the windows; of a part of a direction ([`vector::DIRECTION`]) of itself.
     pub log_value: f64,
-    /// Standard deviation of ln(value) between windows (C30); `None`: too few to tell.
+    /// Standard deviation of the same between windows (C30); `None`: too few to tell.
     pub log_scatter: Option<f64>,
     /// Windows that have it.
     pub n_windows: usize,
@@ -29,6 +31,12 @@ impl Usual {
     #[must_use]
     pub fn of_value(value: f64) -> Self {
         Self { log_value: value.ln(), log_scatter: None, n_windows: 1 }
+    }
+
+    /// The median itself, of the feature of this name, in its unit.
+    #[must_use]
+    pub fn value(&self, feature: &str) -> f64 {
+        if vector::is_direction(feature) { self.log_value } else { self.log_value.exp() }
     }
 
     /// Of at least one logarithm.
@@ -141,12 +149,16 @@ impl Record {
         for (window, features) in taken.flat_map(|w| w.features.iter().map(move |f| (w, f))) {
             let channel = &channels[features.channel.0].name;
             let is_meant = |f: &Feature| window.unfit.is_none() || run_up::is_of_run(&f.name);
-            let learned = |f: &&Feature| f.value > 0.0 && !is_ratio(&f.name) && is_meant(f);
+            let has_log = |f: &Feature| {
+                f.value > 0.0 && !vector::is_part(&f.name) && !vector::is_direction(&f.name)
+            };
+            let learned = |f: &&Feature| has_log(f) && !is_ratio(&f.name) && is_meant(f);
             for feature in features.values.iter().filter(learned) {
                 let key = (channel.clone(), feature.name.to_string());
                 logs.entry(key).or_default().push(feature.value.ln());
             }
         }
+        logs.extend(direction::learned(&fit, point.speed, channels));
         let usual = logs
             .into_iter()
             .filter_map(|(key, logs)| Some((key, Usual::of_logs(&logs)?)))
@@ -292,6 +304,30 @@ mod tests {
         assert_eq!((found.n_windows, found.usual.len()), (0, 0));
         assert_eq!(found.point, OperatingPoint::default());
     }
+
+    #[test]
+    fn a_direction_is_learned_of_windows_that_agree_at_one_speed() {
+        let (to, against) = ((-0.6, 0.8), (0.6, -0.8));
+        let found = |windows: &[(f64, (f64, f64))]| {
+            let windows: Vec<_> = windows.iter().map(|w| (Some(Hz(w.0)), vector_of(w.1))).collect();
+            Record::of_windows("r", &windows, &[channel("x")]).usual
+        };
+        let agreed = found(&[(10.0, to), (10.0, to), (10.0, to), (10.4, against)]);
+        assert_eq!(agreed.len(), 2, "parts of the vector have no logarithm");
+        let part = |name: &str| agreed[&("x".to_owned(), name.to_owned())];
+        let [cos, sin] =
+            vector::DIRECTION.map(|name| (part(name).value(name), part(name).n_windows));
+        assert_eq!((cos, sin), ((-0.6, 3), (0.8, 3)), "4 % faster is another lag");
+        assert!(found(&[(10.0, to), (10.0, to), (10.0, against)]).is_empty(), "they disagree");
+    }
+
+    fn vector_of((cos, sin): (f64, f64)) -> Vec<ChannelFeatures> {
+        let value = |name: &str, value| Feature { name: Arc::from(name), value, unit: Unit::One };
+        let [of_cos, of_sin] = vector::DIRECTION;
+        let values = vec![value(of_cos, cos), value(of_sin, sin), value(vector::COS, 9.0 * cos)];
+        vec![ChannelFeatures { channel: ChannelIndex(0), sample_range: (0, 1), values }]
+    }
+
     #[test]
     fn of_a_window_whose_speed_changes_only_what_depends_on_no_speed_is_learned() {
         let value = |name: String, value| Feature { name: Arc::from(name), value, unit: Unit::One };

@@ -2,7 +2,7 @@
 
 use super::tests::by_tacho;
 use super::tests::channels;
-use super::tests::judged_by_housing;
+use super::tests::judged_against;
 use super::tests::machine;
 use super::tests::window;
 use crate::diagnosis::fault::FaultMode;
@@ -40,7 +40,7 @@ fn judged(healthy: &Heard<'_>, now: &Heard<'_>, rate: Hz) -> ComponentDiagnosis 
     let mut channels = channels();
     channels[1].sample_rate = rate;
     let features = WindowFeatures { speed: by_tacho(Hz(10.0)), ..window(now.features()) };
-    judged_by_housing(&machine(false), &channels, healthy.features(), &features)
+    judged_against(&machine(false), &channels, healthy.features(), &features)
 }
 
 #[test]

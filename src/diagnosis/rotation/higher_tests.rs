@@ -3,7 +3,7 @@
 use super::tests::Signs;
 use super::tests::by_tacho;
 use super::tests::channels;
-use super::tests::judged_by_housing;
+use super::tests::judged_against;
 use super::tests::judged_with;
 use super::tests::machine;
 use super::tests::of;
@@ -61,7 +61,7 @@ impl Heard {
         for line in features.shaft_lines.iter_mut().filter(|line| line.order == 2) {
             line.power_ratio = self.over_noise;
         }
-        judged_by_housing(&self.machine, &channels(), Self::features(healthy), &features)
+        judged_against(&self.machine, &channels(), Self::features(healthy), &features)
     }
 }
 

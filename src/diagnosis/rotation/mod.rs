@@ -5,6 +5,7 @@
 //! leaves the parts it would separate undetermined.
 
 mod signs;
+mod turned;
 mod cause;
 mod alone;
 mod higher;
@@ -42,6 +43,9 @@ const UNBALANCE_BY_1X_CONFIDENCE: f64 = 0.6;
 
 /// Most confidence in a rise whose cause is not proven.
 const UNNAMED_CONFIDENCE: f64 = 0.9;
+
+/// Most confidence in a 1× that only points elsewhere: a mark or a probe that was moved turns it as well.
+const TURNED_CONFIDENCE: f64 = 0.6;
 
 /// Most confidence in a cause that is proven.
 const NAMED_CONFIDENCE: f64 = 0.85;
@@ -170,3 +174,5 @@ mod higher_tests;
 mod gear_tests;
 #[cfg(test)]
 mod run_tests;
+#[cfg(test)]
+mod turned_tests;

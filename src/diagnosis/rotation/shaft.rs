@@ -1,6 +1,7 @@
 //! Verdict on a shaft: by its probe where there is one, else by what the housing shows.
 
 use super::NAMED_CONFIDENCE;
+use super::TURNED_CONFIDENCE;
 use super::UNNAMED_CONFIDENCE;
 use super::accuse_at;
 use super::acquit;
@@ -12,6 +13,7 @@ use super::higher;
 use super::run;
 use super::signs::Indicator;
 use super::signs::ShaftSigns;
+use super::turned::Turned;
 use crate::diagnosis::Context;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::Detector;
@@ -69,12 +71,18 @@ pub(super) fn judge_shaft(
     let indicators = [&signs.displacement, &signs.cwt, &signs.housing];
     verdict.evidence =
         indicators.iter().filter_map(|i| i.as_ref()).map(|i| i.evidence.clone()).collect();
+    verdict.evidence.extend(signs.turned.iter().map(|turned| turned.indicator.evidence.clone()));
     match &signs.displacement {
-        Some(d) if d.is_up() => accuse_by_probe(&mut verdict, shaft, d, features, context),
+        Some(d) if d.is_up() => {
+            accuse_by_probe(&mut verdict, shaft, (d, &signs.turned), features, context);
+        }
         Some(d) => {
             let why = format!("1× displacement is {:.2} times its baseline", d.ratio);
             acquit(&mut verdict, d.ratio, why, features);
             look_higher(&mut verdict, signs, SensorKind::Proximitor, features);
+            if let Some(turned) = signs.most_turned() {
+                turned.accuse(&mut verdict, features);
+            }
         }
         None if run::judge_by_run(&mut verdict, shaft, features, context) => {}
         None => judge_by_housing(&mut verdict, shaft, signs, features, context),
@@ -86,28 +94,29 @@ pub(super) fn judge_shaft(
 fn accuse_by_probe(
     verdict: &mut ComponentDiagnosis,
     shaft: ShaftIndex,
-    once: &Indicator,
+    (once, turned): (&Indicator, &[Turned]),
     features: &WindowFeatures,
     context: &Context<'_>,
 ) {
     let speed = features.speed.first.and_then(|first| context.machine.shaft_speed(shaft, first));
     let told = speed.map_or(Cause::Open, |speed| cause::cause(shaft, speed, features, context));
-    let too_much = excludes_unbalance(shaft, once, features, context);
+    let excluded = excludes_unbalance(shaft, (once, turned), features, context);
     let with_others = alone::rises_with_others(shaft, once, features, context);
     let alone = alone::rises(shaft, once, features, context)
         .filter(|_| !is_near_critical(shaft, features, context));
-    let (fault, named, said) = match told {
-        Cause::Bow if !with_others => (Some(FaultMode::Bow), NAMED_CONFIDENCE, told.sentence()),
-        Cause::Unbalance if !with_others && !too_much => {
+    let (fault, named, said) = match (told, excluded) {
+        (Cause::Bow, _) if !with_others => {
+            (Some(FaultMode::Bow), NAMED_CONFIDENCE, told.sentence())
+        }
+        (Cause::Unbalance, None) if !with_others => {
             (Some(FaultMode::Unbalance), NAMED_CONFIDENCE, told.sentence())
         }
-        Cause::Both | Cause::Open if too_much && !with_others => {
-            let cause = "; unbalance would need more than ten times G 40";
-            (Some(FaultMode::Bow), NAMED_CONFIDENCE, cause)
+        (Cause::Both | Cause::Open, Some(by)) if !with_others => {
+            (Some(FaultMode::Bow), by.confidence(), by.sentence())
         }
-        Cause::Both => (None, UNNAMED_CONFIDENCE, told.sentence()),
-        Cause::Bow | Cause::Unbalance => (None, UNNAMED_CONFIDENCE, NOT_PROVEN),
-        Cause::Open => alone.map_or((None, UNNAMED_CONFIDENCE, NOT_PROVEN), |alone| {
+        (Cause::Both, _) => (None, UNNAMED_CONFIDENCE, told.sentence()),
+        (Cause::Bow | Cause::Unbalance, _) => (None, UNNAMED_CONFIDENCE, NOT_PROVEN),
+        (Cause::Open, _) => alone.map_or((None, UNNAMED_CONFIDENCE, NOT_PROVEN), |alone| {
             (Some(FaultMode::Unbalance), alone.confidence(), alone.sentence())
         }),
     };
@@ -238,17 +247,45 @@ fn speed_per_critical(
     Some((speed, speed.0 / critical.0))
 }
 
-/// Whether the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten
+/// By what an unbalance is excluded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Excluded {
+    /// By how much larger 1× is than in the baseline.
+    BySize,
+    /// Only if what was there before is subtracted as the vector it was.
+    ByVector,
+}
+
+impl Excluded {
+    fn confidence(self) -> f64 {
+        match self {
+            Self::BySize => NAMED_CONFIDENCE,
+            Self::ByVector => TURNED_CONFIDENCE,
+        }
+    }
+
+    fn sentence(self) -> &'static str {
+        match self {
+            Self::BySize => "; unbalance would need more than ten times G 40",
+            Self::ByVector => {
+                "; with what was there before, which points elsewhere unless mark or probe were moved since, unbalance would need more \
+                 than ten times G 40"
+            }
+        }
+    }
+}
+
+/// By what it is known that the 1× displacement needs an eccentricity no unbalance has: e = A(1 − r²)/r² above ten
 /// times G 40 (docs/theory.md, J2).
 fn excludes_unbalance(
     shaft: ShaftIndex,
-    once: &Indicator,
+    (once, turned): (&Indicator, &[Turned]),
     features: &WindowFeatures,
     context: &Context<'_>,
-) -> bool {
-    let Some((speed, r)) = speed_per_critical(shaft, features, context) else { return false };
+) -> Option<Excluded> {
+    let (speed, r) = speed_per_critical(shaft, features, context)?;
     if r >= MAX_SPEED_PER_CRITICAL || r <= 0.0 {
-        return false;
+        return None;
     }
     let name = shaft::line_name(1, &context.machine.shaft(shaft).id);
     let amplitude_um = features
@@ -259,7 +296,15 @@ fn excludes_unbalance(
         .filter_map(|c| c.get(&name))
         .fold(0.0, f64::max);
     // What was there in good health, run-out first of all, is no part of it.
-    let grown_um = amplitude_um * (1.0 - 1.0 / once.ratio);
-    let eccentricity_um = grown_um * (1.0 - r * r) / (r * r);
-    eccentricity_um * 1e-3 * speed.to_rad_per_s().0 > ECCENTRICITY_SPEED_MM_PER_S
+    let is_too_much = |grown: f64| {
+        let eccentricity_um = amplitude_um * grown / once.ratio * (1.0 - r * r) / (r * r);
+        eccentricity_um * 1e-3 * speed.to_rad_per_s().0 > ECCENTRICITY_SPEED_MM_PER_S
+    };
+    let of_channel = |turned: &&Turned| turned.indicator.evidence.channel == once.evidence.channel;
+    let as_vector = turned.iter().find(of_channel).map(|turned| turned.change);
+    if is_too_much(once.ratio - 1.0) {
+        Some(Excluded::BySize)
+    } else {
+        as_vector.filter(|change| is_too_much(*change)).map(|_| Excluded::ByVector)
+    }
 }

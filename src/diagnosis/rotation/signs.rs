@@ -4,6 +4,8 @@
 use super::UP_RATIO;
 use super::gear_signs;
 use super::higher;
+use super::turned;
+use super::turned::Turned;
 use crate::diagnosis::Context;
 use crate::diagnosis::baseline::Comparison;
 use crate::diagnosis::confidence;
@@ -34,7 +36,7 @@ pub(super) struct Indicator {
 
 impl Indicator {
     /// Pays for so many chances to be in error.
-    fn pay_for(&mut self, chances: f64) {
+    pub(super) fn pay_for(&mut self, chances: f64) {
         self.probability = (self.probability * chances).min(1.0);
         self.evidence.false_alarm_probability = Some(self.probability);
     }
@@ -53,8 +55,9 @@ impl Indicator {
 /// a changed gain or a machine that shakes altogether raises everything.
 const MORE_THAN_THE_REST: f64 = 2.0;
 
-/// Ways in which a shaft may be accused at one speed: by 1×, and by 2× or 3×.
+/// Ways in which a shaft may be accused at one speed: by 1×, and by 2× or 3×; and by where 1× points, if that is known.
 const N_WAYS: f64 = 2.0;
+const N_WAYS_WITH_DIRECTION: f64 = 3.0;
 
 /// Sensors of what a housing does.
 const HOUSING: [SensorKind; 2] = [SensorKind::Accelerometer, SensorKind::Velocity];
@@ -63,12 +66,30 @@ const HOUSING: [SensorKind; 2] = [SensorKind::Accelerometer, SensorKind::Velocit
 pub(super) struct ShaftSigns {
     pub(super) displacement: Option<Indicator>,
     pub(super) cwt: Option<Indicator>,
+    /// Change of the vector of 1×, by every probe that has it.
+    pub(super) turned: Vec<Turned>,
     /// 1× line of the housings, single axis: what is left without a probe.
     pub(super) housing: Option<Indicator>,
     /// 2× or 3×, of the probes where they see 1×, else of the housings.
     pub(super) higher: Option<Indicator>,
     /// Localised difference signal of the gears on this shaft.
     pub(super) local: Vec<(GearIndex, Option<Indicator>)>,
+}
+
+impl ShaftSigns {
+    /// All ways to accuse the shaft together have the declared probability.
+    fn pay_for_ways(&mut self) {
+        let n_ways = if self.turned.is_empty() { N_WAYS } else { N_WAYS_WITH_DIRECTION };
+        let ways = [&mut self.displacement, &mut self.cwt, &mut self.housing, &mut self.higher];
+        let turned = self.turned.iter_mut().map(|turned| &mut turned.indicator);
+        ways.into_iter().flatten().chain(turned).for_each(|way| way.pay_for(n_ways));
+    }
+
+    /// The probe by which the shaft is accused of pointing elsewhere: in which its vector has changed most.
+    pub(super) fn most_turned(&self) -> Option<&Turned> {
+        let accusing = self.turned.iter().filter(|turned| turned.is_up());
+        accusing.max_by(|a, b| a.change.total_cmp(&b.change))
+    }
 }
 
 pub(super) fn signs(
@@ -127,9 +148,9 @@ pub(super) fn signs(
         .collect();
     let seen = if displacement.is_some() { &probes } else { &housings };
     let higher = higher::higher(shaft, seen, features, context);
-    let mut signs = ShaftSigns { displacement, cwt, housing, higher, local };
-    let ways = [&mut signs.displacement, &mut signs.cwt, &mut signs.housing, &mut signs.higher];
-    ways.into_iter().flatten().for_each(|way| way.pay_for(N_WAYS));
+    let turned = turned::turned(shaft, &probes, features, context);
+    let mut signs = ShaftSigns { displacement, cwt, turned, housing, higher, local };
+    signs.pay_for_ways();
     let speed = features.speed.first.and_then(|first| machine.shaft_speed(shaft, first));
     let once = [&mut signs.displacement, &mut signs.cwt, &mut signs.housing];
     let local = signs.local.iter_mut().map(|(_, i)| i);
@@ -141,7 +162,7 @@ pub(super) fn signs(
 }
 
 /// Whether the line is there and not the noise's, in any of the cells it is the highest of.
-fn is_over_noise(
+pub(super) fn is_over_noise(
     (shaft, order): (ShaftIndex, u8),
     channel: &ChannelFeatures,
     features: &WindowFeatures,

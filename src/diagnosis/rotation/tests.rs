@@ -221,8 +221,8 @@ pub(super) fn by_tacho(first: Hz) -> Speed {
     Speed { first, source, confidence: 1.0, ..Speed::unknown() }
 }
 
-/// The verdict on the shaft of a machine without gear and probe, against these features of its housing in good health.
-pub(super) fn judged_by_housing(
+/// The verdict on the shaft of a machine without gear, against these features of good health at the same speed.
+pub(super) fn judged_against(
     machine: &Machine,
     channels: &[ChannelInfo],
     healthy: Vec<ChannelFeatures>,

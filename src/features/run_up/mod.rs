@@ -8,9 +8,9 @@
 use super::ChannelFeatures;
 use super::Feature;
 use super::WindowFeatures;
-use super::limit;
 use super::speed::Speed;
 use super::trace::Trace;
+use super::vector;
 use crate::dsp::order::PhaseTrack;
 use crate::dsp::real::ceil_index;
 use crate::dsp::real::floor_index;
@@ -165,7 +165,7 @@ pub(super) fn pieces(
         let end = floor_index(((b - start_s) * rate.0).max(0.0)).min(samples.len());
         let inside = samples.get(first..end)?;
         let turns = |k: usize| track.revolutions_at(start_s + (first + k) as f64 / rate.0);
-        let (cos, sin) = limit::once_a_revolution(inside, turns)?;
+        let (cos, sin) = vector::once_a_revolution(inside, turns)?;
         let half = 0.5 * (b - a) / revolutions;
         let ends = (track.speed_at(a + half)?, track.speed_at(b - half)?);
         let mean_hz = revolutions / (b - a);

@@ -35,12 +35,12 @@ pub enum Disturbance {
     Bearing,
 }
 
-/// Standard deviation of the speed that wanders, relative, and of that of the machine beside it.
-const WANDER: f64 = 3e-3;
+/// Standard deviation of the speed that wanders, relative, drawn evenly in the logarithm; and of that of the machine beside it.
+const WANDER: (f64, f64) = (2e-4, 3e-3);
 const OWN_WANDER: f64 = 1e-3;
 
-/// RMS over that of the mesh. The whole record stays below twice its baseline, which is a warning by itself.
-const GAINS: (f64, f64) = (0.5, 1.5);
+/// RMS over that of the mesh, drawn evenly in the logarithm. The whole record stays below twice its baseline, which is a warning by itself.
+const GAINS: (f64, f64) = (0.15, 1.5);
 
 /// Rates this near to a whole multiple of a shaft's, in turns of it, are no other machine's.
 const FROM_A_MULTIPLE: f64 = 0.04;
@@ -74,13 +74,13 @@ impl Disturbance {
     }
 
     /// How the pair's speed wanders, if otherwise than in the baseline.
-    pub(super) fn wander(self) -> Option<f64> {
-        (self == Self::Wander).then_some(WANDER)
+    pub(super) fn wander(self, random: &mut Pcg64Mcg) -> Option<f64> {
+        (self == Self::Wander).then(|| even_in_log(WANDER, random))
     }
 
     /// Adds what is heard to a record in which the mesh has unit RMS.
     pub(super) fn add(self, x: &mut [f64], pair: &Pair, turn: &Turn, random: &mut Pcg64Mcg) {
-        let gain = random.random_range(GAINS.0..GAINS.1);
+        let gain = even_in_log(GAINS, random);
         let sound = match self {
             Self::Wander => return,
             Self::White => (0..N_SAMPLES).map(|_| vibration::normal(random)).collect(),
@@ -93,6 +93,10 @@ impl Disturbance {
         };
         vibration::add_scaled(x, &sound, gain);
     }
+}
+
+fn even_in_log((low, high): (f64, f64), random: &mut Pcg64Mcg) -> f64 {
+    low * (high / low).powf(random.random_range(0.0..1.0))
 }
 
 /// Five to sixty a second in the mean, of waits that are exponential but for parts of a sample.

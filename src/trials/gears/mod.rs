@@ -297,7 +297,8 @@ impl Gearbox {
         let disturbance =
             if let Kind::Disturbed(disturbance) = kind { Some(disturbance) } else { None };
         let usual = if self.has_tacho { WANDER } else { STEADY };
-        let motion = Motion::Wander(disturbance.and_then(Disturbance::wander).unwrap_or(usual));
+        let wander = disturbance.and_then(|disturbance| disturbance.wander(&mut random));
+        let motion = Motion::Wander(wander.unwrap_or(usual));
         let turn = Turn::draw(motion, self.pair.speed_hz, duration_s, &mut random);
         let occasion = Occasion { kind, load: random.random_range(0.9..1.1), turn };
         let mesh = self.path.hear(&self.voice.mesh(&self.pair, &occasion, &mut random));
