@@ -247,13 +247,15 @@ fn simulated_counts(n_samples: u64) -> Vec<Vec<i16>> {
 #[test]
 fn a_killed_daemon_begins_anew_and_what_it_recorded_is_the_simulation() {
     let first = "[recording]\nenabled = true\nflush_seconds = 0.05\n";
-    let daemon = Daemon::start_in(folder(first, &["rig-1"]));
+    let mut daemon = Daemon::start_in(folder(first, &["rig-1"]));
     assert_eq!(daemon.post_json(PATH, &json!({ "scenario": "GG_BS_GB", "grow_s": 8e4 })).0, 200);
     support::wait_until("some recorded seconds", || {
         let recorded = daemon.metric("rotorwatch_samples_recorded_total{machine=\"rig-1\"}")?;
         (recorded > 700_000.0).then_some(())
     });
     daemon.signal("KILL");
+    // What is copied while it still writes is torn.
+    daemon.child.wait().unwrap();
     let dir = TempDir::new().unwrap();
     copy(daemon.dir.path(), dir.path());
     drop(daemon);
