@@ -1,9 +1,8 @@
 //! Where 1× points in good health, behind the tacho's mark. Must not know how large it is: that is a line's.
 
-use super::ASSUMED_LOG_SCATTER;
-use super::MIN_RECORDS_FOR_SCATTER;
 use super::Offered;
 use super::Record;
+use super::sigma_of_new;
 use crate::features::ChannelFeatures;
 use crate::features::vector;
 use crate::signal::ChannelInfo;
@@ -87,14 +86,9 @@ impl Direction {
             return None;
         }
         let within = found.iter().map(|(_, square)| square).sum::<f64>() / n;
-        let scatter = if found.len() >= MIN_RECORDS_FOR_SCATTER {
-            let sum: f64 = found.iter().map(|(to, _)| (to - mean).norm_sqr()).sum();
-            // Two parts, of which the one along the direction hardly scatters: all of it lies across.
-            (sum / (n - 1.0) + within).sqrt()
-        } else {
-            ASSUMED_LOG_SCATTER.max(within.sqrt())
-        };
-        let sigma = (scatter * (1.0 + 1.0 / n).sqrt()).max(1e-6);
+        // Of the two parts the one along the direction hardly scatters: all of it lies across.
+        let between: f64 = found.iter().map(|(to, _)| (to - mean).norm_sqr()).sum();
+        let sigma = sigma_of_new(between, within, found.len());
         Some(Self { unit: mean / mean.norm(), sigma, n_records: found.len() })
     }
 }

@@ -173,14 +173,8 @@ impl Baseline {
         let n = usual.len() as f64;
         let mean = usual.iter().map(|u| u.log_value).sum::<f64>() / n;
         let within = within_square(&usual);
-        let scatter = if usual.len() >= MIN_RECORDS_FOR_SCATTER {
-            let sum: f64 = usual.iter().map(|u| (u.log_value - mean).powi(2)).sum();
-            (sum / (n - 1.0) + within).sqrt()
-        } else {
-            ASSUMED_LOG_SCATTER.max(within.sqrt())
-        };
-        // A new record scatters like the old ones, about a mean known to σ/√n.
-        let sigma = (scatter * (1.0 + 1.0 / n).sqrt()).max(1e-6);
+        let between: f64 = usual.iter().map(|u| (u.log_value - mean).powi(2)).sum();
+        let sigma = sigma_of_new(between, within, usual.len());
         Some(Comparison { ratio: (value.ln() - mean).exp(), sigma, n_records: usual.len() })
     }
 
@@ -196,6 +190,18 @@ impl Baseline {
         let key = (channel.to_owned(), feature.to_owned());
         self.records.iter().filter_map(|r| r.usual.get(&key).copied()).collect()
     }
+}
+
+/// Standard deviation of a new record about the mean of `n` (C6): by the sum of their squares about it where there are enough, else by
+/// what is assumed; by their mean square `within` beside it.
+fn sigma_of_new(between: f64, within: f64, n: usize) -> f64 {
+    let scatter = if n >= MIN_RECORDS_FOR_SCATTER {
+        (between / (n as f64 - 1.0) + within).sqrt()
+    } else {
+        ASSUMED_LOG_SCATTER.max(within.sqrt())
+    };
+    // A new record scatters like the old ones, about a mean known to σ/√n.
+    (scatter * (1.0 + 1.0 / n as f64).sqrt()).max(1e-6)
 }
 
 /// Mean square of the scatter between windows, over the records that know it; 0 if none does.

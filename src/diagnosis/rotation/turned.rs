@@ -38,7 +38,7 @@ pub(super) struct Turned {
     /// Whether it points a quarter of a turn elsewhere or more (what points where it did has grown, which its size tells), and matters.
     is_told: bool,
     /// Lag behind the mark in the baseline and now, degrees.
-    pub(super) lags_deg: (f64, f64),
+    lags_deg: (f64, f64),
 }
 
 /// The change of the vector in every probe of a shaft that has it and whose baseline has its direction, all paid for. Not near a critical
