@@ -26,8 +26,9 @@ use std::sync::Arc;
 const RATE_HZ: f64 = 12_000.0;
 /// 10 s.
 const N_SAMPLES: usize = 120_000;
-/// 4 s: for counts of very many. The floor rests on 190 bins there; of fewer the F tail is fatter than that of a median.
-const FEW_SAMPLES: usize = 48_000;
+/// For counts of very many, unless `ROTORWATCH_SECONDS` says otherwise. The floor rests on 190 bins there; of fewer the F
+/// tail is fatter than that of a median.
+const FEW_SECONDS: f64 = 4.0;
 const SPEED_HZ: f64 = 29.95;
 
 const MACHINE: &str = r#"
@@ -377,11 +378,15 @@ fn tails(count: usize, mean: f64) -> (f64, f64) {
 
 /// Counts how often the line of noise undercuts each of `RARE`, over bands that share no frequency and lines of both
 /// bearings and channels: of one band and line with its search paid for, and of the least over the harmonics.
-fn rare(kind: Kind, enough: usize) -> (usize, [usize; RARE.len()], [usize; RARE.len()]) {
+fn rare(
+    kind: Kind,
+    enough: usize,
+    n_samples: usize,
+) -> (usize, [usize; RARE.len()], [usize; RARE.len()]) {
     let mut bench = Bench::new();
     let (mut n, mut fundamentals, mut bands) = (0, [0; RARE.len()], [0; RARE.len()]);
     for seed in 50_000.. {
-        let features = bench.measure_n(kind, seed, FEW_SAMPLES);
+        let features = bench.measure_n(kind, seed, n_samples);
         let readings = features.bearing_lines.iter().flat_map(|s| s.outcome.iter().flatten());
         let narrowest = readings.clone().map(|r| r.band.high.0 - r.band.low.0);
         let narrowest = narrowest.fold(f64::INFINITY, f64::min);
@@ -402,14 +407,17 @@ fn rare(kind: Kind, enough: usize) -> (usize, [usize; RARE.len()], [usize; RARE.
 }
 
 #[test]
-#[ignore = "long: many readings of noise; white, or the kinds named in ROTORWATCH_NOISE, and ROTORWATCH_READINGS of it"]
+#[ignore = "long: many readings of noise; white, or the kinds named in ROTORWATCH_NOISE, and ROTORWATCH_READINGS of it in records of ROTORWATCH_SECONDS"]
 fn readings_of_noise_undercut_rare_levels_as_often_as_nominal() {
     let enough = std::env::var("ROTORWATCH_READINGS").map_or(ENOUGH, |n| n.parse().unwrap());
+    let seconds = std::env::var("ROTORWATCH_SECONDS").map_or(FEW_SECONDS, |s| s.parse().unwrap());
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds")]
+    let n_samples = (seconds * RATE_HZ).round() as usize;
     let wanted = std::env::var("ROTORWATCH_NOISE").unwrap_or_else(|_| "White".to_owned());
     let kinds = [Kind::White, Kind::Pink, Kind::Impacts];
     let kinds = kinds.into_iter().filter(|kind| wanted.contains(&format!("{kind:?}")));
     for kind in kinds {
-        let (n, fundamentals, bands) = rare(kind, enough);
+        let (n, fundamentals, bands) = rare(kind, enough, n_samples);
         for (at, level) in RARE.iter().enumerate() {
             let nominal = level * n as f64;
             let (fundamental, band) = (fundamentals[at], bands[at]);

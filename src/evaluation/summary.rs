@@ -25,6 +25,8 @@ pub struct Record {
     pub known: Known,
     /// Whether the fault's lines stand over the noise, where that is known.
     pub is_visible: Option<bool>,
+    /// How many times as high these lines are as in the same machine without the fault, where that is known (T11).
+    pub over_sound: Option<f64>,
     /// The score, or why there is none.
     pub score: Result<Score, String>,
     /// Processor time of the diagnosis, reading included and baselines not, s.
@@ -32,6 +34,10 @@ pub struct Record {
 }
 
 impl Record {
+    fn has_own_lines(&self) -> bool {
+        self.over_sound.is_some_and(|ratio| ratio >= OWN)
+    }
+
     fn is_healthy(&self) -> bool {
         self.known == Known::Faults(Vec::new())
     }
@@ -40,6 +46,10 @@ impl Record {
         matches!(&self.known, Known::Faults(faults) if !faults.is_empty())
     }
 }
+
+/// How many times as high as in the same machine without the fault lines are that count as the fault's own: 6 dB, from
+/// which a level is news (S2, T11).
+pub const OWN: f64 = 2.0;
 
 /// Records counted by their outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -112,6 +122,8 @@ pub struct Rates {
     /// Bearing faults called a warning or damage, whether the cause was named or not, of those whose lines stand over
     /// the noise, whatever was said of other parts.
     pub found_of_visible: Rate,
+    /// The same of those whose lines are [`OWN`] times as high as without the fault at least.
+    pub found_of_own: Rate,
     /// Right or detected, of those with a known fault.
     pub found_of_faulty: Rate,
     /// Another cause named, of those with a known fault.
@@ -232,7 +244,8 @@ impl Rates {
             right: rate(&|_| true, &is(Outcome::Right)),
             right_of_faulty: rate(&Record::is_fault, &is(Outcome::Right)),
             right_of_visible: rate(&|r| r.is_visible == Some(true), &is(Outcome::Right)),
-            found_of_visible: found_of_visible(records),
+            found_of_visible: found_of_visible(records, |_| true),
+            found_of_own: found_of_visible(records, Record::has_own_lines),
             found_of_faulty: rate(&Record::is_fault, &is_found),
             wrong_cause: rate(&Record::is_fault, &is(Outcome::WrongCause)),
             sure_wrong_cause: rate(&Record::is_fault, &is_sure),
@@ -263,11 +276,16 @@ fn found(records: &[Record]) -> Vec<Found> {
     counts.into_iter().map(found).collect()
 }
 
-fn found_of_visible(records: &[Record]) -> Rate {
+/// Bearing faults accused, of those of `wanted` records whose lines stand over the noise.
+fn found_of_visible(records: &[Record], wanted: impl Fn(&Record) -> bool) -> Rate {
     let (mut n, mut count) = (0, 0);
-    for (finding, _) in findings(records).filter(|(_, is_visible)| *is_visible == Some(true)) {
-        n += 1;
-        count += usize::from(matches!(finding.outcome, Outcome::Right | Outcome::Detected));
+    for record in records.iter().filter(|record| wanted(record)) {
+        let visible =
+            findings(std::slice::from_ref(record)).filter(|(_, seen)| *seen == Some(true));
+        for (finding, _) in visible {
+            n += 1;
+            count += usize::from(matches!(finding.outcome, Outcome::Right | Outcome::Detected));
+        }
     }
     Rate::new(count, n)
 }
@@ -362,6 +380,7 @@ mod tests {
             label: label.to_owned(),
             known: Known::Faults(faults),
             is_visible: (label != "healthy").then_some(true),
+            over_sound: (label == "outer_race").then_some(3.0),
             score,
             processor_s: Some(0.25),
         }
@@ -394,6 +413,14 @@ mod tests {
         assert_eq!(counts(&rates.right_of_faulty), (3, 5));
         assert_eq!(counts(&rates.right_of_visible), (3, 5));
         assert_eq!(counts(&rates.found_of_visible), (2, 5), "whatever the table accepts");
+        assert_eq!(counts(&rates.found_of_own), (2, 5));
+        let without_the_fault_too = Record { over_sound: Some(1.9), ..records[3].clone() };
+        let rates = Summary::of(&[without_the_fault_too, records[6].clone()]).rates;
+        assert_eq!(
+            (counts(&rates.found_of_visible), counts(&rates.found_of_own)),
+            ((2, 2), (1, 1))
+        );
+        let rates = &summary.rates;
         let found =
             Found { fault: "outer_race", is_visible: Some(true), outcomes: [1, 1, 1, 2, 0, 0] };
         assert_eq!(summary.found, [found]);

@@ -12,6 +12,8 @@ use super::motion::SLOW_SWING_S;
 use super::rig;
 use super::rig::Bad;
 use super::rig::Rig;
+use super::runs;
+use super::runs::Shaft;
 use super::stand;
 use super::stand::Disturbance;
 use crate::units::Hz;
@@ -34,19 +36,22 @@ pub enum Part {
     Swinging,
     /// Gear pairs.
     Gears,
+    /// Runs of the simulated rotor.
+    Runs,
     /// The simulated rig.
     Rig,
 }
 
 impl Part {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Stand,
         Self::Drawn,
         Self::Paces,
         Self::Alike,
         Self::Swinging,
         Self::Gears,
+        Self::Runs,
         Self::Rig,
     ];
 
@@ -60,6 +65,7 @@ impl Part {
             Self::Alike => "alike",
             Self::Swinging => "swinging",
             Self::Gears => "gears",
+            Self::Runs => "runs",
             Self::Rig => "rig",
         }
     }
@@ -70,7 +76,7 @@ impl Part {
 pub struct Plan {
     /// First seed.
     pub first_seed: u64,
-    /// Seeds of each cell of the stand; the rig takes the first.
+    /// Seeds of each cell of the stand; the rig and, beside other parts, the runs take the first.
     pub n_seeds: u64,
     /// One speed, clearance, load, size and noise of the rig instead of all, and drawn machines at usual, even speeds, with
     /// bearings that differ, only.
@@ -90,6 +96,13 @@ pub enum Task {
     Drawn(String, drawn::Setting),
     /// One record of a gear pair.
     Gears(gears::Setting),
+    /// Runs of one machine with shafts like these.
+    Runs {
+        /// The machine and how it runs up.
+        setting: runs::Setting,
+        /// States of its shaft.
+        shafts: Vec<Shaft>,
+    },
     /// All combinations of the rig at one speed, clearance and load, at these strengths of noise.
     Rig {
         /// Setting of the healthy twin.
@@ -146,6 +159,9 @@ pub fn tasks(plan: &Plan) -> Vec<Task> {
     }
     if has(Part::Gears) {
         tasks.extend(gear_tasks(plan));
+    }
+    if has(Part::Runs) && !plan.is_thin {
+        tasks.extend(run_tasks(plan));
     }
     if has(Part::Rig) {
         tasks.extend(rig_tasks(plan));
@@ -226,6 +242,21 @@ fn gear_tasks(plan: &Plan) -> Vec<Task> {
     tasks
 }
 
+/// Every second machine file states the critical speed. Simulated as the rig is: of the whole grid the first seed only.
+fn run_tasks(plan: &Plan) -> Vec<Task> {
+    let n_seeds = if plan.part.is_some() { plan.n_seeds } else { 1 };
+    let shafts: Vec<Shaft> = if plan.is_healthy { vec![Shaft::Sound] } else { Shaft::ALL.to_vec() };
+    let seeds = plan.first_seed..plan.first_seed + n_seeds;
+    let settings = seeds.flat_map(|seed| {
+        (0_u64..).zip(runs::ENDS).map(move |(at, end)| runs::Setting {
+            end,
+            is_declared: (seed + at).is_multiple_of(2),
+            seed,
+        })
+    });
+    settings.map(|setting| Task::Runs { setting, shafts: shafts.clone() }).collect()
+}
+
 fn rig_tasks(plan: &Plan) -> Vec<Task> {
     let (speeds, loads) = if plan.is_thin {
         (vec![10.0], vec![(2.0, 2.0)])
@@ -275,16 +306,34 @@ impl Task {
             Self::Drawn(group, setting) => {
                 sink(drawn::trial(group, setting).map_err(|e| e.to_string()));
             }
+            Self::Runs { setting, shafts } => {
+                let baseline = match runs::baseline(setting) {
+                    Ok(baseline) => baseline,
+                    Err(error) => return sink(Err(error.to_string())),
+                };
+                for shaft in shafts {
+                    sink(runs::trial(setting, *shaft, &baseline).map_err(|e| e.to_string()));
+                }
+            }
             Self::Gears(setting) => sink(gears::trial(setting).map(|(trial, _)| trial)),
             Self::Rig { healthy, noise_db, no_tacho_db, bad } => {
                 let twin = match Rig::healthy_twin(healthy) {
                     Ok(twin) => twin,
                     Err(error) => return sink(Err(error.to_string())),
                 };
+                // Each damaged bearing comes after the same rig without its defect.
+                let mut sound: Option<Rig> = None;
                 for bad in bad {
-                    match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
-                        Ok(rig) => each_noise(&rig, &twin, (noise_db, no_tacho_db), sink),
-                        Err(error) => sink(Err(error.to_string())),
+                    let rig = match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
+                        Ok(rig) => rig.beside(sound.as_ref()),
+                        Err(error) => {
+                            sink(Err(error.to_string()));
+                            continue;
+                        }
+                    };
+                    each_noise(&rig, &twin, (noise_db, no_tacho_db), sink);
+                    if bad.bearing.is_none() {
+                        sound = Some(rig);
                     }
                 }
             }

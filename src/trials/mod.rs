@@ -1,6 +1,6 @@
 //! Records made on the fly with a known answer, to try the diagnosis on: of a stand in closed form
-//! ([`stand`]), of gear pairs ([`gears`]), of machines every number of which is drawn ([`drawn`]), and of the simulated
-//! rig ([`rig`]).
+//! ([`stand`]), of gear pairs ([`gears`]), of machines every number of which is drawn ([`drawn`]), of the simulated
+//! rig ([`rig`]) and of its rotor's runs ([`runs`]).
 //!
 //! [`grid`] says which. A trial hands the monitor samples, channels and what a machine file would say, nothing of the
 //! answer; the verdict is scored like that on any recording. Pure: the seed makes the record. Must not know
@@ -12,10 +12,13 @@ pub mod gears;
 pub mod grid;
 pub mod motion;
 pub mod rig;
+pub mod runs;
+mod simulated;
 pub mod stand;
 pub mod vibration;
 
 use crate::diagnosis::baseline::Baseline;
+use crate::diagnosis::baseline::Offered;
 use crate::diagnosis::baseline::Record;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evaluation::truth::Known;
@@ -69,6 +72,9 @@ pub struct Trial {
     pub speed: Hz,
     /// Whether the lines of its bearing defect stand over the noise (T7); `None` where that is not told.
     pub is_visible: Option<bool>,
+    /// How many times as high these lines are as in the same machine without the defect (T11); `None` where that is
+    /// not told.
+    pub over_sound: Option<f64>,
     /// The record.
     pub measured: Measured,
     /// Healthy records to hold it against.
@@ -124,8 +130,9 @@ impl Measured {
     /// When no sensor of the machine has a channel.
     pub fn learn(&self, name: &str) -> Result<Record, MonitorError> {
         let (monitor, outcomes) = self.run(Baseline::default(), self.window_s(), bands::LEVELS)?;
-        let windows: Vec<_> = outcomes.into_iter().map(|o| (o.judged.speed, o.features)).collect();
-        Ok(Record::of_windows(name, &windows, monitor.channels()))
+        let offered: Vec<Offered<'_>> = outcomes.iter().map(Outcome::offered).collect();
+        let load_bins = &self.machine.limits.load_bins;
+        Ok(Record::of_offered(name, &offered, monitor.channels(), load_bins))
     }
 
     fn duration_s(&self) -> f64 {

@@ -6,6 +6,9 @@
 
 use super::Measured;
 use super::Trial;
+use super::simulated::NotMade;
+use super::simulated::measure;
+use super::simulated::table;
 use super::vibration;
 use crate::diagnosis::baseline::Baseline;
 use crate::diagnosis::fault::FaultMode;
@@ -13,20 +16,12 @@ use crate::dsp::line;
 use crate::dsp::real::Real;
 use crate::evaluation::truth::Known;
 use crate::evaluation::truth::KnownFault;
-use crate::machine::file;
 use crate::machine::sensor::SensorKind;
-use crate::pipeline::SpeedHints;
 use crate::signal::ChannelInfo;
-use crate::simulator::scene::Scene;
 use crate::simulator::scene::builtin;
-use crate::simulator::simulation::Samples;
-use crate::simulator::simulation::Simulation;
 use crate::units::Hz;
-use crate::units::Unit;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use std::convert::Infallible;
-use std::sync::Arc;
 use toml::Table;
 use toml::Value;
 
@@ -89,19 +84,27 @@ pub struct Setting {
     pub seed: u64,
 }
 
-/// Why a rig cannot be simulated.
-#[derive(Debug, thiserror::Error)]
-#[error("{name}: {why}")]
-pub struct RigError {
-    name: String,
-    why: String,
-}
-
 /// The rig as it was simulated, without noise.
 #[derive(Debug, Clone)]
 pub struct Rig {
     setting: Setting,
     measured: Measured,
+    /// Of each channel of the bearing that may be damaged.
+    lines: Vec<(usize, Lines)>,
+    /// The same of the rig without the defect.
+    sound_lines: Option<Vec<(usize, Lines)>>,
+}
+
+/// Amplitudes of the first harmonics of BPFI in one channel.
+type Lines = [f64; HARMONICS];
+
+/// What there is to hear of a defect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Heard {
+    /// Whether its lines stand over the noise (T7).
+    is_visible: bool,
+    /// How many times as high those that do are as without the defect (T11).
+    over_sound: Option<f64>,
 }
 
 impl Rig {
@@ -109,80 +112,56 @@ impl Rig {
     ///
     /// # Errors
     /// When scene or machine cannot be built, or the motion diverges.
-    pub fn simulate(setting: &Setting) -> Result<Self, RigError> {
+    pub fn simulate(setting: &Setting) -> Result<Self, NotMade> {
         let name = format!("{} at {} Hz", setting.bad.name(), setting.speed.0);
-        let failed = |why: String| RigError { name: name.clone(), why };
-        let text = scene_text(setting).ok_or_else(|| failed("no built-in scene".to_owned()))?;
-        let scene = Scene::parse(&text, SCENE).map_err(|e| failed(e.to_string()))?;
+        let text = scene_text(setting)
+            .ok_or_else(|| NotMade { name: name.clone(), why: "no built-in scene".to_owned() })?;
         let machine_text = builtin::machine(MACHINE).unwrap_or_default();
-        let machine = file::parse(machine_text, MACHINE).map_err(|e| failed(e.to_string()))?;
-        let mut simulation =
-            Simulation::new(&scene, setting.seed).map_err(|e| failed(e.to_string()))?;
-        let (channels, scales): (Vec<_>, Vec<_>) = simulation
-            .channels()
-            .map(|c| (super::channel(&c.name, unit_of(c.unit), Hz(c.rate_hz)), (c.scale, c.offset)))
-            .unzip();
-        let mut samples: Vec<Vec<f32>> = vec![Vec::new(); channels.len()];
-        let mut keep = |i: usize, new: Samples<'_>| {
-            let (scale, offset) = scales[i];
-            let physical = |v: f64| f32::rounded(v * scale + offset);
-            match new {
-                Samples::Int16(new) => {
-                    samples[i].extend(new.iter().map(|v| physical(f64::from(*v))));
-                }
-                Samples::Float32(new) => {
-                    samples[i].extend(new.iter().map(|v| physical(f64::from(*v))));
-                }
-                Samples::Float64(new) => samples[i].extend(new.iter().map(|v| physical(*v))),
-            }
-            Ok::<(), Infallible>(())
-        };
-        let n = scene.duration_s * simulation.rate_hz();
-        let n = crate::dsp::real::floor_index(n.round()) as u64;
-        simulation.advance(n, &mut keep).map_err(|e| failed(e.to_string()))?;
-        let measured = Measured {
-            machine: Arc::new(machine),
-            machine_text: machine_text.into(),
-            channels,
-            samples,
-            hints: SpeedHints::default(),
-        };
-        Ok(Self { setting: *setting, measured })
+        let measured = measure(&name, &text, machine_text, setting.seed)?;
+        let lines = defect_lines(&measured, setting.speed);
+        Ok(Self { setting: *setting, measured, lines, sound_lines: None })
+    }
+
+    /// Holds the lines of the defect against those of `sound`, if that is the same rig without it.
+    #[must_use]
+    pub fn beside(self, sound: Option<&Self>) -> Self {
+        let without = Setting { bad: Bad { bearing: None, ..self.setting.bad }, ..self.setting };
+        let sound = sound.filter(|sound| sound.setting == without);
+        let sound_lines = sound.map(|sound| sound.lines.clone());
+        Self { sound_lines, ..self }
     }
 
     /// Simulates the same rig without faults and with another seed.
     ///
     /// # Errors
     /// As [`Self::simulate`].
-    pub fn healthy_twin(setting: &Setting) -> Result<Self, RigError> {
+    pub fn healthy_twin(setting: &Setting) -> Result<Self, NotMade> {
         let seed = setting.seed + 1_000_000;
         Self::simulate(&Setting { bad: Bad::NOTHING, seed, ..*setting })
     }
 
     /// Whether two of the first four harmonics of BPFI stand over noise of these levels in one channel of the damaged
-    /// bearing (T7); `None` without a defect.
-    fn shows_defect(&self, levels: &[f64]) -> Option<bool> {
+    /// bearing (T7), and how far over the same rig without the defect (T11); `None` without a defect.
+    fn hear_defect(&self, levels: &[f64]) -> Option<Heard> {
         self.setting.bad.bearing?;
-        let machine = &self.measured.machine;
-        let damaged = machine.bearings.iter().find(|b| b.id == DAMAGED)?;
-        let bpfi_hz = damaged.fault_rates(self.setting.speed)?.bpfi.0;
-        let stands = |info: &ChannelInfo, x: &[f32], level: f64| {
-            let rate_hz = info.sample_rate.0;
-            let (length_s, density) = (x.len() as f64 / rate_hz, 2.0 * level * level / rate_hz);
-            let is_high = |k: &u32| {
-                let line = line::line_at(x, rate_hz, f64::from(*k) * bpfi_hz);
-                let amplitude = line.map_or(0.0, |line| line.amplitude);
+        let (mut is_visible, mut over_sound) = (false, None);
+        for (at, (channel, lines)) in self.lines.iter().enumerate() {
+            let (x, rate_hz) =
+                (&self.measured.samples[*channel], self.measured.channels[*channel].sample_rate.0);
+            let (length_s, density) =
+                (x.len() as f64 / rate_hz, 2.0 * levels[*channel].powi(2) / rate_hz);
+            let stands = |amplitude: f64| {
                 amplitude > 0.0 && amplitude.powi(2) * length_s >= 2.0 * STANDS_OUT * density
             };
-            (1..=HARMONICS).filter(is_high).count() >= ENOUGH
-        };
-        let of_bearing = |name: &str| name.starts_with(DAMAGED);
-        let channels = self.measured.channels.iter().zip(&self.measured.samples).zip(levels);
-        Some(
-            channels
-                .filter(|((info, _), _)| of_bearing(&info.name))
-                .any(|((info, x), level)| stands(info, x, *level)),
-        )
+            let is_shown = lines.iter().filter(|a| stands(**a)).count() >= ENOUGH;
+            is_visible |= is_shown;
+            let Some(sound) = self.sound_lines.as_ref().filter(|_| is_shown) else { continue };
+            let pairs = lines.iter().zip(&sound[at].1).filter(|(a, _)| stands(**a));
+            let mut ratios: Vec<f64> = pairs.map(|(a, sound)| (a / sound).min(MOST)).collect();
+            ratios.sort_by(|a, b| b.total_cmp(a));
+            over_sound = Some(ratios[ENOUGH - 1].max(over_sound.unwrap_or(0.0)));
+        }
+        Some(Heard { is_visible, over_sound })
     }
 
     /// The trial with noise `noise_db` below the vibration of each sensor (`None`: none), held against the
@@ -195,7 +174,7 @@ impl Rig {
         group: &str,
         noise_db: Option<f64>,
         twin: Option<&Self>,
-    ) -> Result<Trial, RigError> {
+    ) -> Result<Trial, NotMade> {
         let name = self.setting.bad.name();
         let mut baseline = Baseline::default();
         let levels: Vec<f64> =
@@ -203,20 +182,22 @@ impl Rig {
         if let Some(twin) = twin {
             let measured = noisy(&twin.measured, &levels, twin.setting.seed);
             let record = measured.learn("healthy");
-            let why = |e: crate::pipeline::MonitorError| RigError {
+            let why = |e: crate::pipeline::MonitorError| NotMade {
                 name: name.clone(),
                 why: e.to_string(),
             };
             baseline.records.push(record.map_err(why)?);
         }
         let defect = self.setting.bad.bearing.map_or(String::new(), |n| format!(" #{n}"));
+        let heard = self.hear_defect(&levels);
         Ok(Trial {
             group: group.to_owned(),
             label: name.clone(),
             name: format!("{group}, {name}{defect}, {:?}, noise {noise_db:?} dB", self.setting),
             known: Known::Faults(self.setting.bad.known(twin.is_some())),
             speed: self.setting.speed,
-            is_visible: self.shows_defect(&levels),
+            is_visible: heard.map(|heard| heard.is_visible),
+            over_sound: heard.and_then(|heard| heard.over_sound),
             measured: noisy(&self.measured, &levels, self.setting.seed),
             baseline,
         })
@@ -227,11 +208,32 @@ impl Rig {
 const DAMAGED: &str = "right";
 
 /// Harmonics of a defect's line that are looked at, and how many of them must stand out.
-const HARMONICS: u32 = 4;
+const HARMONICS: usize = 4;
 const ENOUGH: usize = 2;
 
 /// A²T/(2S) from which a line stands out, S the one-sided power density of the noise beside it: 20 is 13 dB.
 const STANDS_OUT: f64 = 20.0;
+
+/// What is written for a line that is not there at all without the defect.
+const MOST: f64 = 1e6;
+
+/// Amplitudes of BPFI's harmonics in the channels of the bearing that may be damaged.
+fn defect_lines(measured: &Measured, speed: Hz) -> Vec<(usize, Lines)> {
+    let damaged = measured.machine.bearings.iter().find(|b| b.id == DAMAGED);
+    let Some(rates) = damaged.and_then(|bearing| bearing.fault_rates(speed)) else {
+        return Vec::new();
+    };
+    let channels = measured.channels.iter().zip(&measured.samples).enumerate();
+    let of_bearing = channels.filter(|(_, (info, _))| info.name.starts_with(DAMAGED));
+    let lines = |(i, (info, x)): (usize, (&ChannelInfo, &Vec<f32>))| {
+        let amplitude = |k: usize| {
+            let line = line::line_at(x, info.sample_rate.0, (k + 1) as f64 * rates.bpfi.0);
+            line.map_or(0.0, |line| line.amplitude)
+        };
+        (i, std::array::from_fn(amplitude))
+    };
+    of_bearing.map(lines).collect()
+}
 
 fn gain(noise_db: Option<f64>) -> f64 {
     noise_db.map_or(0.0, |db| 10.0_f64.powf(-db / 20.0))
@@ -259,14 +261,6 @@ fn noisy(measured: &Measured, levels: &[f64], seed: u64) -> Measured {
         }
     }
     noisy
-}
-
-fn unit_of(name: &str) -> Unit {
-    match name {
-        "um" => Unit::Micrometre,
-        "V" => Unit::Volt,
-        _ => Unit::MetrePerSecondSquared,
-    }
 }
 
 /// Width, in, and depth, mil, of the source's defects.
@@ -311,10 +305,6 @@ fn scene_text(setting: &Setting) -> Option<String> {
         }
     }
     Some(scene.to_string())
-}
-
-fn table<'t>(scene: &'t mut Table, key: &str) -> Option<&'t mut Table> {
-    scene.get_mut(key)?.as_table_mut()
 }
 
 #[cfg(test)]

@@ -160,6 +160,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         known: Known::Faults(known.into_iter().collect()),
         speed: Hz(mean_hz),
         is_visible: None,
+        over_sound: None,
         measured: Measured {
             machine,
             machine_text: text.into(),

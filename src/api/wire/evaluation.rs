@@ -120,6 +120,8 @@ pub struct RatesWire {
     /// Bearing faults accused, the cause named or not, of those whose lines stand over the noise, whatever was said of
     /// other parts.
     pub found_of_visible: RateWire,
+    /// The same of those whose lines are twice as high as in the same machine without the fault at least.
+    pub found_of_own: RateWire,
     /// Right or detected, of records with a known fault.
     pub found_of_faulty: RateWire,
     /// Wrong cause, of records with a known fault.
@@ -218,6 +220,8 @@ pub struct RecordWire {
     pub error: Option<String>,
     /// Whether the fault's lines stand over the noise; null where that is not known.
     pub visible: Option<bool>,
+    /// How many times as high these lines are as in the same machine without the fault; null where that is not known.
+    pub over_sound: Option<f64>,
     /// Processor time, s.
     pub processor_s: Option<f64>,
 }
@@ -260,6 +264,7 @@ impl EvaluationDocument {
                 right_of_faulty: RateWire::new(&rates.right_of_faulty),
                 right_of_visible: RateWire::new(&rates.right_of_visible),
                 found_of_visible: RateWire::new(&rates.found_of_visible),
+                found_of_own: RateWire::new(&rates.found_of_own),
                 found_of_faulty: RateWire::new(&rates.found_of_faulty),
                 wrong_cause: RateWire::new(&rates.wrong_cause),
                 sure_wrong_cause: RateWire::new(&rates.sure_wrong_cause),
@@ -392,6 +397,7 @@ impl RecordWire {
             first_alarm: score.and_then(|s| s.first_alarm).and_then(finite),
             error: record.score.as_ref().err().cloned(),
             visible: record.is_visible,
+            over_sound: record.over_sound.and_then(finite),
             processor_s: record.processor_s.and_then(finite),
         }
     }
@@ -421,6 +427,7 @@ mod tests {
             score: score::score(&known, &[], &sample_diagnosis()).map_err(|e| e.to_string()),
             known,
             is_visible: None,
+            over_sound: None,
             processor_s: Some(0.25),
         };
         let cage = vec![fault(FaultMode::Cage), fault(FaultMode::InnerRace)];

@@ -26,7 +26,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Columns of `verdicts.csv`.
-const COLUMNS: [&str; 16] = [
+const COLUMNS: [&str; 17] = [
     "file",
     "dataset",
     "label",
@@ -41,6 +41,7 @@ const COLUMNS: [&str; 16] = [
     "confidence",
     "undetermined",
     "visible",
+    "over_sound",
     "processor_s",
     "error",
 ];
@@ -227,6 +228,7 @@ fn row(record: &Record, severity: &str, diagnosis: Option<&Diagnosis>) -> Vec<Ce
         number(accusation.and_then(|a| a.confidence)),
         text(&open.join(";")),
         text(record.is_visible.map_or("", |seen| if seen { "yes" } else { "no" })),
+        number(record.over_sound),
         number(record.processor_s),
         text(record.score.as_ref().err().map_or("", String::as_str)),
     ]

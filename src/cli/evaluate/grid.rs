@@ -111,6 +111,7 @@ fn failed(why: String) -> Tried {
         label: String::new(),
         known: Known::Faults(Vec::new()),
         is_visible: None,
+        over_sound: None,
         score: Err(why),
         processor_s: None,
     };
@@ -134,6 +135,7 @@ fn of_trial(trial: Trial) -> Tried {
         label: trial.label,
         known: trial.known,
         is_visible: trial.is_visible,
+        over_sound: trial.over_sound,
         score,
         processor_s: Some(processor_s),
     };

@@ -90,6 +90,7 @@ fn rates(summary: &Summary<'_>) -> String {
         ("right, of those with a fault", &rates.right_of_faulty),
         ("right, of those whose lines stand over the noise", &rates.right_of_visible),
         ("bearing accused, of those whose lines stand over the noise", &rates.found_of_visible),
+        ("the same, of lines twice as high as without the defect", &rates.found_of_own),
         ("right or detected, of those with a fault", &rates.found_of_faulty),
         ("wrong cause, of those with a fault", &rates.wrong_cause),
         ("wrong cause at confidence 0.9 or more", &rates.sure_wrong_cause),

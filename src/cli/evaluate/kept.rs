@@ -133,6 +133,7 @@ mod tests {
             label: trial.label.clone(),
             known: trial.known.clone(),
             is_visible: None,
+            over_sound: None,
             score: Ok(score::score(&trial.known, &[], &diagnosis).unwrap()),
             processor_s: None,
         };

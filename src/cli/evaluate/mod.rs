@@ -42,6 +42,7 @@ Examples:
   rotorwatch evaluate --grid
   rotorwatch evaluate --grid --seeds 2 --thin
   rotorwatch evaluate --grid --part drawn --seeds 20
+  rotorwatch evaluate --grid --part runs --seeds 4
 
 TRUTH.csv has a line a capture: file, dataset, label (healthy, a fault as in the diagnosis document, ball,
 gear_tooth_broken, run_to_failure), and may have component, baseline (captures with ; between), acceptable (verdicts
@@ -55,8 +56,8 @@ machine. A run to failure is right if its first alarm comes in its second half a
 
 --grid makes its records: a motor stand with bearing defects of four strengths and eight kinds of disturbance, at
 steady and changing speed; machines of which everything is drawn, sampling rate, speed, bearings and fourteen kinds of
-disturbance; gear pairs by two models with damaged, worn and merely eccentric or ghost-ridden teeth; the simulated rig with good and bad gear, shaft and bearing at five speeds, two
-clearances, two loads, four strengths of noise, with and without a baseline (twenty minutes on two cores).
+disturbance; gear pairs by two models with damaged, worn and merely eccentric or ghost-ridden teeth; runs of the simulated rotor; the simulated rig with good and bad gear, shaft and bearing at five speeds, two
+clearances, two loads, four strengths of noise, with and without a baseline (about an hour on two cores).
 
 Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";
 
@@ -66,7 +67,7 @@ pub struct Arguments {
     /// What is known of which captures.
     #[arg(value_name = "TRUTH.csv", required_unless_present = "grid", conflicts_with = "grid")]
     pub truth: Option<PathBuf>,
-    /// Trials made on the fly instead: a motor stand in closed form and the simulated rig.
+    /// Trials made on the fly instead: a motor stand in closed form, drawn machines, gear pairs, runs and the simulated rig.
     #[arg(long, conflicts_with = "machines")]
     pub grid: bool,
     /// Seeds of each cell of the grid's stand.

@@ -130,6 +130,7 @@ impl Task {
             known: row.known.clone(),
             score,
             is_visible: None,
+            over_sound: None,
             processor_s: diagnosis.as_ref().and(processor_s),
         };
         Case { row, file, machine: Arc::clone(machine), diagnosis, record }

@@ -131,11 +131,12 @@ fn found(out: &mut String, summary: &Summary<'_>) {
 fn rates(out: &mut String, summary: &Summary<'_>) {
     let rates = &summary.rates;
     let sure = format!("wrong cause at confidence {SURE} or more");
-    let lines: [(&str, &Rate); 8] = [
+    let lines: [(&str, &Rate); 9] = [
         ("right, of all", &rates.right),
         ("right, of those with a fault", &rates.right_of_faulty),
         ("right, of those whose lines stand out", &rates.right_of_visible),
         ("bearing accused, of those whose lines stand out", &rates.found_of_visible),
+        ("the same, twice as high as without the defect", &rates.found_of_own),
         ("right or detected, of those with a fault", &rates.found_of_faulty),
         ("wrong cause, of those", &rates.wrong_cause),
         (&sure, &rates.sure_wrong_cause),

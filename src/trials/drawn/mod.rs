@@ -103,6 +103,7 @@ pub fn trial(group: &str, setting: &Setting) -> Result<Trial, MachineFileErrors>
         known: Known::Faults(known.into_iter().collect()),
         speed: plant.mean_speed(),
         is_visible: None,
+        over_sound: None,
         measured: Measured {
             hints: SpeedHints { option: None, capture: plant.written },
             machine: plant.machine,

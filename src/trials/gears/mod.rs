@@ -363,6 +363,7 @@ impl Gearbox {
             known: Known::Faults(known.into_iter().collect()),
             speed: Hz(self.pair.speed_hz),
             is_visible: None,
+            over_sound: None,
             measured,
             baseline,
         }
