@@ -326,6 +326,48 @@ mod tests {
     }
 
     #[test]
+    fn of_lines_that_stand_out_the_second_tells_how_far_they_are_over_a_sound_bearing() {
+        let machine_text = builtin::machine(MACHINE).unwrap();
+        let machine = crate::machine::file::parse(machine_text, MACHINE).unwrap();
+        let channel = |name: &str| {
+            let unit = crate::units::Unit::MetrePerSecondSquared;
+            crate::trials::channel(name, unit, Hz(1000.0))
+        };
+        let measured = Measured {
+            machine: machine.into(),
+            machine_text: machine_text.into(),
+            channels: vec![channel("right_x"), channel("right_y")],
+            samples: vec![vec![0.0; 10_000]; 2],
+            hints: crate::pipeline::SpeedHints::default(),
+        };
+        let bad = Bad { bearing: Some(1), ..Bad::NOTHING };
+        let setting = Setting { bad, speed: Hz(10.0), clearance_um: 2.0, torque_nm: 1.0, seed: 1 };
+        let rig = |bearing, lines: [Lines; 2]| Rig {
+            setting: Setting { bad: Bad { bearing, ..bad }, ..setting },
+            measured: measured.clone(),
+            lines: lines.into_iter().enumerate().collect(),
+            sound_lines: None,
+        };
+        // Noise of 1 m/s²: a line stands out from 0.09 m/s² on.
+        let levels = [1.0, 1.0];
+        let sound = rig(None, [[0.01, 0.1, 0.1, 0.0], [0.001; HARMONICS]]);
+        let hear = |lines| rig(Some(1), lines).beside(Some(&sound)).hear_defect(&levels).unwrap();
+        let high = hear([[0.3, 0.2, 0.15, 0.05], [0.5, 0.08, 0.08, 0.08]]);
+        assert!(high.is_visible);
+        assert!((high.over_sound.unwrap() - 2.0).abs() < 1e-9, "of 30, 2 and 1.5: {high:?}");
+        let other = hear([[0.3, 0.2, 0.15, 0.05], [0.5, 0.4, 0.0, 0.0]]);
+        assert!((other.over_sound.unwrap() - 400.0).abs() < 1e-9, "the other channel: {other:?}");
+        let low = hear([[0.3, 0.08, 0.08, 0.08], [0.0; HARMONICS]]);
+        assert_eq!(low, Heard { is_visible: false, over_sound: None });
+        let other_load =
+            Rig { setting: Setting { torque_nm: 2.0, ..sound.setting }, ..sound.clone() };
+        let lines = [[0.3, 0.2, 0.15, 0.05], [0.0; HARMONICS]];
+        let alone = rig(Some(1), lines).beside(Some(&other_load)).hear_defect(&levels).unwrap();
+        assert_eq!(alone, Heard { is_visible: true, over_sound: None });
+        assert_eq!(sound.hear_defect(&levels), None);
+    }
+
+    #[test]
     #[ignore = "three simulations of ten seconds: minutes in the dev profile"]
     fn a_race_is_struck_beside_a_shaft_that_is_bent_far_and_a_sound_one_is_not() {
         // At half the critical speed the accelerometers are at the ends of their range, and the shaft moves in thirteenths of a turn.

@@ -210,6 +210,20 @@ mod tests {
     use crate::simulator::scene::Scene;
 
     #[test]
+    #[ignore = "four simulations of twenty seconds: a minute in the dev profile"]
+    fn a_run_to_a_quarter_of_the_critical_speed_tells_bow_from_unbalance() {
+        let setting = Setting { end: ENDS[0], is_declared: true, seed: 4 };
+        let baseline = baseline(&setting).unwrap();
+        for shaft in [Shaft::Sound, Shaft::Bent, Shaft::Unbalanced] {
+            let diagnosis = trial(&setting, shaft, &baseline).unwrap().diagnose().unwrap().unwrap();
+            let accused = diagnosis.components.iter().filter(|c| c.state.is_accusation());
+            let accused: Vec<_> = accused.map(|c| (c.id.as_str(), c.fault)).collect();
+            let known = shaft.fault().map(|fault| (SHAFT, Some(fault)));
+            assert_eq!(accused, known.into_iter().collect::<Vec<_>>(), "{shaft:?}");
+        }
+    }
+
+    #[test]
     fn a_run_has_the_numbers_that_were_drawn_and_states_the_critical_speed_if_declared() {
         for (shaft, is_declared) in
             [(Shaft::SlightlyBent, true), (Shaft::SlightlyUnbalanced, false)]

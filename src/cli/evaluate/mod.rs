@@ -56,8 +56,9 @@ machine. A run to failure is right if its first alarm comes in its second half a
 
 --grid makes its records: a motor stand with bearing defects of four strengths and eight kinds of disturbance, at
 steady and changing speed; machines of which everything is drawn, sampling rate, speed, bearings and fourteen kinds of
-disturbance; gear pairs by two models with damaged, worn and merely eccentric or ghost-ridden teeth; runs of the simulated rotor; the simulated rig with good and bad gear, shaft and bearing at five speeds, two
-clearances, two loads, four strengths of noise, with and without a baseline (about an hour on two cores).
+disturbance; gear pairs by two models with damaged, worn and merely eccentric or ghost-ridden teeth; runs of the simulated rotor;
+the simulated rig with good and bad gear, shaft and bearing at five speeds, two clearances and preload, two loads, four
+strengths of noise, with and without a baseline (an hour or more on two cores).
 
 Exit codes: 0 done, whatever the verdicts; 2 something could not be read, judged or written.";
 
