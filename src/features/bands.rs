@@ -29,6 +29,10 @@ pub const LEVELS: usize = SPLITS.len();
 /// above the eighth harmonic.
 const MOTION_LINES: f64 = 8.0;
 
+/// The lowest octave holds the first three harmonics: above them 22 dB less is left of a smooth motion, twice what C12 asks of the next octave. So many the lowest
+/// quarter of records of 10 kHz holds on which sound bearings were tried at 60 Hz.
+const OCTAVE_LINES: f64 = 3.0;
+
 /// Nor is the band they live in cut below 1 kHz: modes of shafts and housings ring there, and carry such motions upwards. Records of 10 kHz have
 /// their lowest quarter there, and it is on those that sound bearings were tried.
 pub const MOTION: Hz = Hz(1000.0);
@@ -86,7 +90,7 @@ pub fn lower_sets(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Vec<Band>
         .collect()
 }
 
-/// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds eight times the
+/// Cuts the lowest of the narrowest of `levels` bands into octaves from the top down, as long as what is left below holds three times the
 /// rate of the `fastest` line and 1 kHz (F4); from the lowest up, as measured. Empty where it is too narrow for that.
 #[must_use]
 pub fn octaves_of_lowest(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Band> {
@@ -94,7 +98,7 @@ pub fn octaves_of_lowest(usable: (Hz, Hz), fastest: Hz, levels: usize) -> Vec<Ba
         return Vec::new();
     };
     let low = usable.0;
-    let least = MOTION.0.max(MOTION_LINES * fastest.0);
+    let least = MOTION.0.max(OCTAVE_LINES * fastest.0);
     let mut width = (usable.1.0 - low.0) / f64::from(parts);
     let mut bands = Vec::new();
     let octave = |from: f64, to: f64| {
@@ -149,8 +153,9 @@ mod tests {
         assert!((many[0].1 - 1_484.375).abs() < 1e-9 && (many[4].1 - 23_750.0).abs() < 1e-9);
         assert!(many.windows(2).all(|pair| (pair[0].1 - pair[1].0).abs() < 1e-9), "they tile it");
         // Fast elements move the machine at higher frequencies.
-        assert_eq!(octaves(95_000.0, 700.0).len(), 3);
-        assert_eq!(octaves(30_400.0, 500.0).len(), 0);
+        assert_eq!(octaves(95_000.0, 700.0).len(), 4);
+        assert_eq!(octaves(30_400.0, 1_200.0).len(), 2);
+        assert!(octaves(30_400.0, 1_300.0).is_empty());
     }
 
     #[test]

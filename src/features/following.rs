@@ -10,7 +10,7 @@ use super::shaft_lines::Peak;
 use super::speed;
 use super::speed::Speed;
 use super::speed::SpeedSource;
-use super::targets::mains_lines;
+use super::targets::mains;
 use super::trace;
 use super::trace::Trace;
 use super::turning;
@@ -84,11 +84,15 @@ pub(super) fn refine(
         ) => speed.first.filter(|first| first.0 > 0.0),
     };
     let Some(around) = around else { return speed };
-    let orders = orders(machine, around);
+    // Those that no motor states would take half of the harmonics of a shaft near 25 or 30 Hz.
+    let mains = mains(machine, Hz(around.0 * f64::from(HIGHEST + 1))).stated;
+    let witnesses = beside(&mains, around);
+    let orders = orders(machine, &witnesses);
     let found = traces.iter().filter_map(|trace| follow(trace, around, &orders, plans));
+    let found = found.filter(|followed| followed.is_about(&speed));
     // The clearest: its noise is the smallest part of the speed.
     let clearest = found.min_by(|a, b| a.noise.total_cmp(&b.noise));
-    match clearest.filter(|followed| followed.is_confirmed(traces, plans)) {
+    match clearest.filter(|followed| followed.is_confirmed(traces, &witnesses, plans)) {
         Some(followed) => followed.into_speed(speed),
         None => speed,
     }
@@ -110,10 +114,20 @@ struct Followed {
 }
 
 impl Followed {
-    /// Whether harmonics that were not followed are sharper along the angle found: a modulated line that is no shaft's,
-    /// or two lines that beat, make an angle of their own, which smears everything else.
-    fn is_confirmed(&self, traces: &[Trace<'_>], plans: &mut Plans) -> bool {
-        let mut gain = 0.0;
+    /// Whether the speed that harmonics of the shaft have told, if they have, is within what is passed through: else a line beside them was followed.
+    fn is_about(&self, settled: &Speed) -> bool {
+        let reach = self.turning.excursion + settled.told_to();
+        let is_within = |first: Hz| (self.first.0 / first.0 - 1.0).abs() <= reach;
+        settled.is_unconfirmed() || settled.first.is_some_and(is_within)
+    }
+
+    /// Whether the `witnesses` are sharper along the angle found, harmonics followed aside in the channel followed, and those not followed anywhere
+    /// as well: a modulated line that is no shaft's, or two lines that beat, make an angle of their own, which smears everything else. They beat in
+    /// all channels alike, so that the same harmonic elsewhere proves less.
+    fn is_confirmed(&self, traces: &[Trace<'_>], witnesses: &[u32], plans: &mut Plans) -> bool {
+        let is_followed =
+            |order: u32| self.orders.iter().any(|o| (o.order - f64::from(order)).abs() < 0.5);
+        let (mut gain, mut of_other_orders) = (0.0, 0.0);
         for trace in traces {
             let Some((samples, rate)) = turning::resample(trace, &self.turning, self.first) else {
                 return false;
@@ -122,17 +136,18 @@ impl Followed {
             let x_hat = trace::transform(samples, plans);
             let before = self.harmonics((&trace.x_hat, trace.samples.len(), trace.rate));
             let after = self.harmonics((&x_hat, samples.len(), rate));
-            let is_own = |order: f64| {
-                trace.sensor == self.sensor
-                    && self.orders.iter().any(|o| (o.order - order).abs() < 0.5)
-            };
-            let pairs = (1..=HIGHEST).zip(before).zip(after);
-            gain += pairs
-                .filter(|((order, _), _)| !is_own(f64::from(*order)))
-                .map(|((_, before), after)| (after / before).ln())
-                .sum::<f64>();
+            let pairs = (1..=HIGHEST).zip(before.into_iter().zip(after));
+            for (order, (before, after)) in pairs.filter(|(order, _)| witnesses.contains(order)) {
+                let sharper = (after / before).ln();
+                if !is_followed(order) {
+                    of_other_orders += sharper;
+                }
+                if !is_followed(order) || trace.sensor != self.sensor {
+                    gain += sharper;
+                }
+            }
         }
-        gain > SHARPER
+        gain > SHARPER && of_other_orders > 0.0
     }
 
     /// Power over the floor of the peak nearest to each harmonic, no less than that of a peak of noise.
@@ -169,18 +184,21 @@ impl Followed {
     }
 }
 
-/// Harmonics of the shaft that no other line of the machine can imitate.
-fn orders(machine: &Machine, around: Hz) -> Vec<CombOrder> {
-    let imitators = shaft_lines::imitators(machine);
-    let excluded = mains_lines(machine, Hz(around.0 * f64::from(HIGHEST + 1)));
-    let is_own = |order: f64| {
-        let at_hz = order * around.0;
-        !shaft_lines::is_imitated(order, &imitators)
-            && !excluded.iter().any(|e| (e.0 / at_hz - 1.0).abs() < speed::REFINE_RANGE)
+/// Harmonics of the shaft where no line of the mains stands: along a wrong angle that is spread over them.
+fn beside(mains: &[Hz], around: Hz) -> Vec<u32> {
+    let is_near = |order: u32, line: &Hz| {
+        (line.0 / (f64::from(order) * around.0) - 1.0).abs() < speed::REFINE_RANGE
     };
-    (1..=HIGHEST)
-        .map(|k| (f64::from(k), k))
-        .filter(|(order, _)| is_own(*order))
+    (1..=HIGHEST).filter(|order| !mains.iter().any(|line| is_near(*order, line))).collect()
+}
+
+/// Those that no other line of the machine can imitate.
+fn orders(machine: &Machine, beside_mains: &[u32]) -> Vec<CombOrder> {
+    let imitators = shaft_lines::imitators(machine);
+    beside_mains
+        .iter()
+        .map(|k| (f64::from(*k), *k))
+        .filter(|(order, _)| !shaft_lines::is_imitated(*order, &imitators))
         .map(|(order, k)| CombOrder { order, presence: PRESENCE.powf(f64::from(k)) })
         .collect()
 }
@@ -332,21 +350,33 @@ mod tests {
         (0..N).zip(noise).map(|(i, noise)| f32::rounded(noise + value(i))).collect()
     }
 
-    fn refined(x: &[f32], nominal_hz: f64) -> Speed {
-        let mut plans = Plans::new();
-        let run = ChannelWindow { start: 0, time_s: 7.0, samples: x };
-        let reading = SensorReading {
-            sensor: 0,
-            channel: ChannelIndex(0),
+    fn reading(sensor: usize) -> SensorReading {
+        SensorReading {
+            sensor,
+            channel: ChannelIndex(sensor),
             absent: None,
             doubts: Vec::new(),
             lost: Vec::new(),
             flaw: None,
             sample_range: (0, u64::from(N)),
-        };
-        let traces = [Trace::new(&reading, run, Hz(RATE_HZ), &mut plans)];
+        }
+    }
+
+    fn refined(x: &[f32], nominal_hz: f64) -> Speed {
         let settled = speed::settle(Hz(nominal_hz), SpeedSource::Machine, None, false);
-        refine(&machine(), settled, &traces, &mut plans)
+        refined_in(&machine(), &[x], settled)
+    }
+
+    fn refined_in(machine: &Machine, channels: &[&[f32]], settled: Speed) -> Speed {
+        let mut plans = Plans::new();
+        let readings: Vec<SensorReading> = (0..channels.len()).map(reading).collect();
+        let of = |(reading, samples)| {
+            let run = ChannelWindow { start: 0, time_s: 7.0, samples };
+            Trace::new(reading, run, Hz(RATE_HZ), &mut plans)
+        };
+        let traces: Vec<Trace<'_>> =
+            readings.iter().zip(channels.iter().copied()).map(of).collect();
+        refine(machine, settled, &traces, &mut plans)
     }
 
     const SHAFT: [(f64, f64); 6] =
@@ -401,18 +431,59 @@ mod tests {
         let x = samples(0.005, &SHAFT, 5);
         let measured =
             Speed { source: Some(SpeedSource::Tacho), first: Some(Hz(25.0)), ..Speed::unknown() };
-        let mut plans = Plans::new();
-        let run = ChannelWindow { start: 0, time_s: 0.0, samples: &x };
-        let reading = SensorReading {
-            sensor: 0,
-            channel: ChannelIndex(0),
-            absent: None,
-            doubts: Vec::new(),
-            lost: Vec::new(),
-            flaw: None,
-            sample_range: (0, u64::from(N)),
+        assert!(refined_in(&machine(), &[&x], measured).turning.is_none());
+    }
+
+    #[test]
+    fn side_lines_that_all_channels_hear_are_no_swing() {
+        // A motor on a mains of 51.3 Hz: a line beside 1× that wanders, in both sensors alike, and its hum beside 4×.
+        let text = "[machine]\nid = \"m\"\n[[shaft]]\nid = \"s\"\n[[motor]]\nshaft = \"s\"\npoles = 4\nline_frequency_hz = 51.3\n\
+                    [[sensor]]\nchannel = \"a\"\nkind = \"accelerometer\"\nat = { shaft = \"s\" }\n\
+                    [[sensor]]\nchannel = \"b\"\nkind = \"accelerometer\"\nat = { shaft = \"s\" }\n";
+        let machine = file::parse(text, "m.toml").unwrap();
+        let is_followed = |depth: f64, hum: f64, seed: u64| {
+            let lines = |loud: f64, seed: u64| {
+                let orders = [(1.0, 0.1), (3.0, 0.05 * loud), (5.0, 0.05 * loud)];
+                let mut x = samples(depth, &orders, seed);
+                for (i, x) in (0_u32..).zip(&mut x) {
+                    let t = f64::from(i) / RATE_HZ;
+                    let beside = 0.3 * (TAU * turned(0.012, t)).cos();
+                    *x += f32::rounded(beside + hum * (TAU * 102.6 * t).cos());
+                }
+                x
+            };
+            let (a, b) = (lines(1.0, 2 * seed), lines(2.0, 2 * seed + 1));
+            let settled = speed::settle(Hz(FIRST_HZ), SpeedSource::Machine, None, false);
+            refined_in(&machine, &[&a, &b], settled).turning.is_some()
         };
-        let traces = [Trace::new(&reading, run, Hz(RATE_HZ), &mut plans)];
-        assert!(refine(&machine(), measured, &traces, &mut plans).turning.is_none());
+        for seed in 0..5 {
+            assert!(is_followed(0.012, 0.0, seed), "seed {seed}: all harmonics wander with it");
+            for hum in [0.0, 2.0] {
+                assert!(!is_followed(0.0, hum, seed), "seed {seed}, hum {hum}: they do not");
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_beside_the_shafts_is_not_followed_where_its_harmonics_tell_the_speed() {
+        let followed = |depth: f64| {
+            let turning = refined(&samples(depth, &SHAFT, 5), FIRST_HZ).turning.unwrap();
+            let first = Hz(FIRST_HZ * 1.001);
+            Followed { sensor: 0, first, orders: Vec::new(), noise: 0.0, turning }
+        };
+        let told = |first_hz: f64| Speed {
+            first: Some(Hz(first_hz)),
+            source: Some(SpeedSource::Estimated),
+            confidence: 0.98,
+            ..Speed::unknown()
+        };
+        let swing = followed(0.005);
+        assert!(swing.is_about(&told(FIRST_HZ * 1.008)) && !swing.is_about(&told(FIRST_HZ * 1.02)));
+        let written = Speed { confidence: 0.7, ..told(FIRST_HZ * 1.02) };
+        assert!(swing.is_about(&written), "nothing has told another");
+        let x = samples(0.005, &SHAFT, 5);
+        assert!(refined_in(&machine(), &[&x], told(FIRST_HZ * 1.001)).turning.is_some());
+        assert!(refined_in(&machine(), &[&x], told(FIRST_HZ * 1.02)).turning.is_none());
+        assert!(refined_in(&machine(), &[&x], written).turning.is_some());
     }
 }

@@ -284,14 +284,9 @@ fn multiples_below(
     lines.take_while(move |(_, line)| turns && line.0 < top.0)
 }
 
-/// Mains harmonics of the machine's motors below `top`.
-pub(super) fn mains_lines(machine: &Machine, top: Hz) -> Vec<Hz> {
-    supplies(machine).flat_map(|supply| harmonics_below(supply, top)).collect()
-}
-
 /// Multiples of the mains below `top`: those of the machine's motors, and where none states its own those that may be.
 pub(super) fn mains(machine: &Machine, top: Hz) -> Mains {
-    let stated = mains_lines(machine, top);
+    let stated = supplies(machine).flat_map(|supply| harmonics_below(supply, top)).collect();
     let is_told = supplies(machine).next().is_some();
     let possible = MAINS_HZ.iter().filter(|_| !is_told);
     let possible = possible.flat_map(|hz| harmonics_below(Hz(*hz), top)).collect();

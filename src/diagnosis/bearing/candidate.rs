@@ -19,11 +19,6 @@ const BAND_PROBABILITY: f64 = 1e-4;
 /// Power ratio from which one bearing drowns another, and a modulated tone what is heard beside it (10 dB).
 const OVERHEARD_POWER: f64 = 10.0;
 
-/// Power of a line above the lowest band, over that in it, below which it is a smooth motion's (−10 dB). The force of
-/// impacts is white; a motion without jumps in speed falls by 12 dB an octave, 19 dB from the middle of the
-/// lowest quarter to that of the next: the limit lies halfway.
-const SMOOTH_POWER: f64 = 0.1;
-
 /// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
 const OUTDOES: f64 = 2.0;
 
@@ -72,11 +67,12 @@ pub(super) struct Candidate<'a> {
 }
 
 /// Whether a line lives in the lowest band alone in all the channels that listen for it (C12): struck metal
-/// rings at all frequencies, a motion that passing elements impose is smooth and dies out upwards.
+/// rings at all frequencies, a motion that passing elements impose is smooth and dies out upwards. The force of impacts is white; a
+/// motion without jumps in speed falls by 12 dB an octave: the limit lies halfway.
 pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
-    let above = line.iter().filter_map(|c| c.power.above).reduce(|a, b| a + b);
+    let above: f64 = line.iter().map(|c| c.power.above_level).sum();
     let lowest: f64 = line.iter().map(|c| c.power.lowest).sum();
-    above.is_some_and(|above| above < SMOOTH_POWER * lowest)
+    line.iter().any(|c| c.power.above.is_some()) && above < lowest
 }
 
 /// The same where a band above could have shown it in one channel at least: nothing hides it there.
@@ -224,9 +220,12 @@ impl<'a> Candidate<'a> {
     /// and no structure makes both, so that it need not be deep in more (C4). Not a race that turns with side bands at 1×: a damaged
     /// element makes that, too (C9).
     fn is_deep_and_carried(&self) -> bool {
-        self.search.line == DefectLine::TwoBsf
-            && self.depth() >= severity::WARNING_DEPTH
-            && !self.is_bare()
+        self.depth() >= severity::WARNING_DEPTH && self.is_of_struck_element()
+    }
+
+    /// Whether it is a rolling element's line with the side bands of the cage: sound elements pass the races, not themselves (C9).
+    pub(super) fn is_of_struck_element(&self) -> bool {
+        self.search.line == DefectLine::TwoBsf && !self.is_bare()
     }
 
     /// Probability of a false alarm of the way it is proven: in a quarter of the bands only where most do

@@ -59,15 +59,46 @@ fn in_quarters(lowest: f64, third: f64) -> LineSearch {
 
 #[test]
 fn what_dies_out_upwards_is_a_smooth_motion() {
-    let (low, high) = (in_quarters(1.0, 0.05), in_quarters(1.0, 0.3));
+    // 12 dB an octave are 28 dB from the middle of the lowest quarter to that of the third: halfway are 14 dB.
+    let (low, high) = (in_quarters(1.0, 0.02), in_quarters(1.0, 0.06));
     let of = |search: &LineSearch| is_smooth(&[Candidate::weigh_all(search, &[], 1.0)]);
-    assert!(of(&low) && !of(&high), "13 and 5 dB below");
+    assert!(of(&low) && !of(&high), "17 and 12 dB below");
+    // To that of the second they are 19 dB.
+    let in_second = |power: f64| {
+        let mut second = in_quarters(1.0, 0.0);
+        for reading in second.outcome.iter_mut().flatten().filter(|r| r.band.low.0 >= 1e3) {
+            let holds = reading.band.low.0 < 1500.0 && reading.band.high.0 <= 2e3;
+            reading.mean_square = if holds { power } else { 0.0 };
+        }
+        second
+    };
+    assert!(of(&in_second(0.06)) && !of(&in_second(0.12)), "12 and 9 dB below");
+    // In the band of a sensor that begins above the motion as much is asked as there.
+    let shifted = |power: f64| {
+        let mut search = in_second(power);
+        for reading in search.outcome.iter_mut().flatten() {
+            let band = reading.band;
+            let (low, high) = (Hz(band.low.0 + 5e3), Hz(band.high.0 + 5e3));
+            reading.band = Band { low, high, ..band };
+        }
+        search
+    };
+    assert!(of(&shifted(0.06)) && !of(&shifted(0.12)), "12 and 9 dB below");
+    // Far up no less is enough than in the fourth quarter.
+    let far = |power: f64| {
+        let mut search = in_quarters(1.0, power);
+        let quarter = search.outcome.as_ref().unwrap()[0].clone();
+        let band = Band { low: Hz(0.0), high: Hz(100.0), whitened: false };
+        search.octaves = vec![BandReading { band, ..quarter }];
+        search
+    };
+    assert!(of(&far(0.015)) && !of(&far(0.025)), "18 and 16 dB below");
     // A second channel counts with its power: what shakes the whole machine is smooth though one sensor rings.
-    let strong = in_quarters(10.0, 0.05);
+    let strong = in_quarters(10.0, 0.02);
     let both = [&strong, &high].map(|s| Candidate::weigh_all(s, &[], 1.0));
     assert!(is_smooth(&both));
     // Where the lowest quarter is wide, what rings in its upper octave rings.
-    let mut fast = in_quarters(1.0, 0.05);
+    let mut fast = in_quarters(1.0, 0.005);
     let quarter = fast.outcome.as_ref().unwrap()[0].clone();
     let octave = |low: f64, high: f64, power: f64| {
         let band = Band { low: Hz(low), high: Hz(high), whitened: false };

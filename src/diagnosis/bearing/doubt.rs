@@ -209,7 +209,7 @@ pub(super) fn why_open(
         Doubt::Bare => said::without_cage(line, seen.context),
         Doubt::Unturned => said::unturned(line, seen.context),
         Doubt::Carried => said::carried(line, seen.context),
-        Doubt::Lone => said::lone(line, seen.context),
+        Doubt::Lone => said::lone(line, seen),
         Doubt::OfElements => said::of_elements(line, seen.context),
         Doubt::SideLine => said::side_line(line, seen.context),
         Doubt::Contested => said::contested(line, &contenders(line, seen), seen.context),
@@ -412,10 +412,10 @@ fn is_known_passing(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     is_of_tone(line, seen) || has_not_grown(line, seen)
 }
 
-/// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this
-/// rate.
+/// Whether it lives in the lowest band alone in all channels, at whatever bearing, that listen for a line at this rate.
 pub(super) fn is_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
-    candidate::is_smooth(&everywhere(line, seen, |s| Candidate::weigh(s, seen.accepted, 1.0)))
+    let weigh = |s| Candidate::weigh(s, seen.accepted, 1.0);
+    !line.is_of_struck_element() && candidate::is_smooth(&everywhere(line, seen, weigh))
 }
 
 /// Whether it is a line of the race at rest, which all elements pass, and less than the modulation of a tone at the same rate.
@@ -435,7 +435,7 @@ fn is_below_ringing(line: &Candidate<'_>) -> bool {
 /// Whether it is smooth and nothing hides what it may do above.
 fn is_seen_to_be_smooth(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let weigh = |s| Candidate::weigh(s, seen.accepted, 1.0);
-    candidate::is_seen_to_be_smooth(&everywhere(line, seen, weigh))
+    !line.is_of_struck_element() && candidate::is_seen_to_be_smooth(&everywhere(line, seen, weigh))
 }
 
 /// What all channels, at whatever bearing, that listen for a line at this rate read of it.

@@ -191,6 +191,26 @@ fn deep_in_one(line: DefectLine, n_showing: usize) -> LineSearch {
 }
 
 #[test]
+fn elements_with_the_side_bands_of_their_cage_are_struck_however_low_they_ring() {
+    // Next to all of the power in the lowest band.
+    let low = |line: DefectLine, depth: f64| {
+        changed(search(0, line, depth), |reading| {
+            with_side_band(reading);
+            reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
+        })
+    };
+    let state = |line: DefectLine, depth: f64| {
+        let verdict = judged(None, vec![low(line, depth)]);
+        (verdict.state, verdict.fault)
+    };
+    assert_eq!(state(DefectLine::TwoBsf, 0.6).1, Some(FaultMode::RollingElement));
+    assert_eq!(state(DefectLine::Bpfi, 0.6), (State::Undetermined, None), "elements may pass so");
+    // Half as deep, they are no more what sound elements show.
+    assert_eq!(state(DefectLine::TwoBsf, 0.3), (State::Undetermined, None));
+    assert_eq!(state(DefectLine::Bpfi, 0.3), (State::Healthy, None));
+}
+
+#[test]
 fn elements_with_the_side_bands_of_their_cage_need_not_be_deep_in_many_bands() {
     let with_cage = |n_showing| changed(deep_in_one(DefectLine::TwoBsf, n_showing), with_side_band);
     let accused = judged(None, vec![with_cage(3)]);

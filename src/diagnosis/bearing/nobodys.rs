@@ -21,13 +21,17 @@ pub(super) fn nobodys(searches: &[&LineSearch], seen: &Seen<'_>) -> Option<Strin
         frequency.is_some_and(|f| without_owner.any(|a| a.is_at(f, line.search.resolution)))
     };
     let proven = readable.map(|s| Candidate::weigh(s, &[], looks)).filter(Candidate::is_proven);
+    // Accepted, it would explain itself.
+    let weigh = |s| Candidate::weigh(s, &[], 1.0);
+    let is_smooth = |line: &Candidate<'_>| {
+        !line.is_of_struck_element() && candidate::is_smooth(&doubt::everywhere(line, seen, weigh))
+    };
     let would_accuse = |line: &Candidate<'_>| {
         line.is_surely_deep()
             && !line.is_bare()
             && !line.is_carried()
             && !is_turned(line)
-            // Accepted, it would explain itself.
-            && !candidate::is_smooth(&doubt::everywhere(line, seen, |s| Candidate::weigh(s, &[], 1.0)))
+            && !is_smooth(line)
             && !doubt::has_not_grown(line, seen)
     };
     let line = proven

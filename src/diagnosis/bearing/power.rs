@@ -6,6 +6,11 @@ use crate::units::Hz;
 /// Bands whose widths differ by less than this factor are of one kind.
 const ALIKE: f64 = 1.2;
 
+/// Half of the fall, in decibels, that is asked of a smooth motion: no less than 10 dB, from the lowest quarter to the next, for motions that a
+/// sensor's band begins above are not told; and no more than 17 dB, to the fourth, as far up as sound bearings were tried (C12).
+const LEAST_FALL: f64 = 10.0;
+const MOST_FALL: f64 = 49.0;
+
 /// Power a line carries (C4, C45), u².
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct LinePower {
@@ -17,6 +22,9 @@ pub(super) struct LinePower {
     pub(super) lowest_top: Hz,
     /// In the strongest of the bands above that show it, 0 if none does; `None` if there are no bands above.
     pub(super) above: Option<f64>,
+    /// The most that it has in a band above for where that lies: power times what a smooth motion has lost up to there, the square root of it, so
+    /// that as much as in the lowest lies halfway between what is white and what falls by 12 dB an octave (C12).
+    pub(super) above_level: f64,
     /// Whether blows of something else explain the line in every one of those, so that it may be hidden there.
     pub(super) is_hidden_above: bool,
     /// Of the narrowest bands that show the line: in the strongest that a tone leads, and in the strongest of the others that nothing
@@ -56,11 +64,17 @@ impl LinePower {
         let above_narrowest = || raw().filter(is_narrow).filter(is_above);
         let touching = raw().chain(octaves).filter(|r| r.band.low.0 <= floor_hz);
         let lowest = touching.min_by(|a, b| a.band.high.0.total_cmp(&b.band.high.0));
+        // What falls lies at the lower end of a wide band.
+        let middle = |r: &BandReading| r.band.low.0 + 0.5 * width(r).min(narrowest);
+        let times_up = |r: &BandReading| lowest.map_or(1.0, |lowest| middle(r) / middle(lowest));
+        let half_fall = |r: &BandReading| times_up(r).powi(2).clamp(LEAST_FALL, MOST_FALL);
+        let levels = above().map(|r| shown(r) * half_fall(r));
         Self {
             lowest: lowest.map_or(0.0, power),
             lowest_shown: lowest.map_or(0.0, shown),
             lowest_top: lowest.map_or(Hz(0.0), |r| r.band.high),
             above: above().map(shown).max_by(f64::total_cmp),
+            above_level: levels.fold(0.0, f64::max),
             // A tone that is modulated is no blow that hides others.
             is_hidden_above: !above().any(|r| own(r) || r.carrier.is_some()),
             summed: above_narrowest().map(shown).sum(),

@@ -17,8 +17,8 @@ use crate::units::Hz;
 /// Why a line of the lowest band alone does not accuse.
 pub(super) fn smooth(line: &Candidate<'_>, context: &Context<'_>) -> String {
     format!(
-        "{}; more than nine tenths of its power lie below {:.1} kHz, as of the motion that passing elements impose; impacts \
-         ring above, too: not accused",
+        "{}; above {:.1} kHz less of it is left than a fall of 6 dB an octave leaves, and the motion that passing elements impose falls by 12; impacts \
+         ring there, too: not accused",
         sentence(line, context),
         line.power.lowest_top.0 / 1e3
     )
@@ -73,11 +73,12 @@ pub(super) fn carried(line: &Candidate<'_>, context: &Context<'_>) -> String {
 }
 
 /// Why a cage's line that no race shows does not accuse.
-pub(super) fn lone(line: &Candidate<'_>, context: &Context<'_>) -> String {
+pub(super) fn lone(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
     format!(
         "{}; no race of this bearing shows side bands at the cage's rate, and a belt or a shaft that the machine file does not list \
-         strikes so, too: not accused",
-        sentence(line, context)
+         strikes so, too: not accused; {}",
+        sentence(line, seen.context),
+        what_would_tell(line, seen)
     )
 }
 
