@@ -6,9 +6,11 @@ use crate::units::Hz;
 /// Bands whose widths differ by less than this factor are of one kind.
 const ALIKE: f64 = 1.2;
 
-/// Half of the fall, in decibels, that is asked of a smooth motion: no less than 10 dB, from the lowest quarter to the next, for motions that a
-/// sensor's band begins above are not told; and no more than 17 dB, to the fourth, as far up as sound bearings were tried (C12).
+/// Least fall of power, a ratio, that is asked of a smooth motion (C12): 10 dB, half of its fall from the lowest quarter to the next. What it does in
+/// the band of a sensor that begins above it is not told.
 const LEAST_FALL: f64 = 10.0;
+
+/// Largest fall of power, a ratio, that is asked (C12): 17 dB, half of that to the fourth quarter, as far up as sound bearings were tried.
 const MOST_FALL: f64 = 49.0;
 
 /// Power a line carries (C4, C45), u².
