@@ -13,6 +13,7 @@ mod noise;
 mod outdone;
 mod read;
 mod slower;
+mod spread;
 
 use super::Feature;
 use super::bands;

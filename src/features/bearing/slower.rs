@@ -3,15 +3,17 @@
 use super::DefectLine;
 use super::DepthSpectrum;
 use super::Harmonic;
-use super::KnownLine;
 use super::LineTask;
 use super::Searched;
 use super::read::STANDS_OUT;
 use super::read::bin_at;
-use super::read::is_apart;
 use super::read::measure;
 use super::read::peak;
 use super::read::strongest_peak;
+use super::spread::Spread;
+use super::spread::WANDER;
+use super::spread::is_sharp;
+use super::spread::wander_together;
 use crate::dsp::real::floor_index;
 use crate::units::Hz;
 
@@ -45,18 +47,6 @@ const EQUAL_HEIGHT: f64 = 0.5;
 /// places a line within a tenth of a cell, and that counts m times.
 const MULTIPLE_TOLERANCE: f64 = 0.6;
 
-/// And this near, relative, unless the line is sharp: three standard deviations of the speed of an induction motor that wanders
-/// by 0.3 % while the window lasts. Its lines are smeared, highest where the speed turns back, and a line and its multiple need not
-/// be highest at the same turn.
-const WANDER: f64 = 9e-3;
-
-/// Part of the power nearby that the main lobe of a sharp line holds: at least; a line that wanders over twice its lobe's
-/// width has half of it outside, one that mostly rests where the speed turns back a fifth.
-const SHARP: f64 = 0.9;
-
-/// Half width of a Hann main lobe, steps of 1/T.
-const HANN_LOBE: f64 = 2.0;
-
 /// The rate f/m of which the line at f is the m-th harmonic, if any (F14): it stands out, and is at
 /// least half as deep. Half the rate of a rolling element's line is its own: one race struck. A known line that the line is told `apart_from`
 /// by a harmonic has its own submultiples: what stands rather there is none of the line's.
@@ -67,7 +57,8 @@ pub(super) fn slower_rate(
     apart_from: Option<Hz>,
     scratch: &mut Vec<f32>,
 ) -> Option<Hz> {
-    let wander = if is_sharp(spectrum, task, (frequency_hz, fundamental)) { 0.0 } else { WANDER };
+    let spread = Spread::over_floor_of(fundamental, spectrum, task);
+    let wander = if is_sharp(&spread, frequency_hz) { 0.0 } else { WANDER };
     let tolerance_hz = (MULTIPLE_TOLERANCE / spectrum.duration_s).max(wander * frequency_hz);
     let first = if task.line == DefectLine::TwoBsf { 3 } else { 2 };
     let below = (first..=HIGHEST_MULTIPLE).map(f64::from).find_map(|multiple| {
@@ -79,7 +70,10 @@ pub(super) fn slower_rate(
         let apart_hz = (multiple * slower_hz - frequency_hz).abs();
         let is_known_ones =
             apart_from.is_some_and(|known| (multiple * slower_hz - known.0).abs() < apart_hz);
-        let is_multiple = apart_hz <= tolerance_hz && !is_known_ones;
+        let is_multiple = apart_hz <= tolerance_hz
+            && !is_known_ones
+            && (apart_hz <= MULTIPLE_TOLERANCE / spectrum.duration_s
+                || wander_together(&spread, (slower_hz, multiple, frequency_hz)));
         let is_equal = is_multiple && height >= EQUAL_HEIGHT * fundamental.depth;
         let bins = 2.0 * reach as f64 + 1.0;
         let found =
@@ -144,32 +138,6 @@ fn comb_rate(
     })
 }
 
-/// Whether the main lobe at `frequency_hz` holds most of the power over the floor as far around it as a line may wander, known
-/// lines apart from it left out: then it has not wandered, and neither has what it is a multiple of.
-fn is_sharp(
-    spectrum: &DepthSpectrum<'_>,
-    task: &LineTask<'_>,
-    (frequency_hz, fundamental): (f64, Harmonic),
-) -> bool {
-    let (lobe_hz, reach_hz) = (HANN_LOBE / spectrum.duration_s, WANDER * frequency_hz);
-    let floor = fundamental.depth * fundamental.depth / fundamental.power_ratio;
-    let near = |line: &&KnownLine| (line.frequency.0 - frequency_hz).abs() < reach_hz + lobe_hz;
-    let apart = |line: &&KnownLine| is_apart(spectrum, line.frequency.0, frequency_hz);
-    let known: Vec<f64> =
-        task.known.iter().filter(near).filter(apart).map(|line| line.frequency.0).collect();
-    let is_left_out = |k: usize| {
-        let hz = k as f64 * spectrum.bin_hz;
-        known.iter().any(|known_hz| (known_hz - hz).abs() < task.resolution.0)
-    };
-    let power_within = |reach_hz: f64| -> f64 {
-        let bins = bin_at((frequency_hz - reach_hz).max(0.0), spectrum.bin_hz)
-            ..=bin_at(frequency_hz + reach_hz, spectrum.bin_hz);
-        let powers = bins.filter(|k| !is_left_out(*k)).filter_map(|k| spectrum.depth.get(k));
-        powers.map(|d| f64::from(*d).powi(2) - floor).sum()
-    };
-    reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tests::of_ten_seconds;
@@ -177,25 +145,40 @@ mod tests {
     use super::super::tests::task;
     use super::*;
 
+    const FUNDAMENTAL: Harmonic = Harmonic {
+        power_ratio: 900.0,
+        depth: 0.8,
+        floor_dof: 100.0,
+        searched: Searched::peaks(60.0),
+    };
+
+    /// The slower rate found for a line at 98.9 Hz of 10 s.
+    fn slower_of(lines: &[(f64, f64)], apart_from: Option<Hz>) -> Option<Hz> {
+        let depth = spectrum_of(lines, 0.05);
+        let spectrum = of_ten_seconds(&depth);
+        slower_rate(&spectrum, &task(&[]), (98.9, FUNDAMENTAL), apart_from, &mut Vec::new())
+    }
+
+    /// A rate of 33.1 Hz that wanders, its third multiple highest at one end.
+    const WANDERING: [(f64, f64); 6] =
+        [(98.9, 0.8), (98.5, 0.6), (99.3, 0.6), (99.7, 0.6), (100.0, 0.5), (33.1, 0.5)];
+
     #[test]
     fn what_stands_rather_at_a_submultiple_of_the_known_line_is_not_slower() {
-        // A line that is smeared may be the third of 33.1 Hz; a known line at 99.2 Hz rather is.
-        let smeared = [(98.9, 0.8), (98.5, 0.6), (99.3, 0.6), (33.1, 0.5)];
-        let depth = spectrum_of(&smeared, 0.05);
-        let fundamental = Harmonic {
-            power_ratio: 900.0,
-            depth: 0.8,
-            floor_dof: 100.0,
-            searched: Searched::peaks(60.0),
-        };
-        let slower = |apart_from: Option<Hz>| {
-            let spectrum = of_ten_seconds(&depth);
-            let scratch = &mut Vec::new();
-            slower_rate(&spectrum, &task(&[]), (98.9, fundamental), apart_from, scratch)
-        };
-        let found = slower(None);
+        // A known line at 99.2 Hz rather is the third of 33.1 Hz.
+        let found = slower_of(&WANDERING, None);
         assert!(found.is_some_and(|rate| (rate.0 - 33.1).abs() < 0.02), "{found:?}");
-        assert!(slower(Some(Hz(98.7))).is_some(), "nearer to the line's own third");
-        assert_eq!(slower(Some(Hz(99.2))), None);
+        assert!(slower_of(&WANDERING, Some(Hz(98.7))).is_some(), "nearer to the line's own third");
+        assert_eq!(slower_of(&WANDERING, Some(Hz(99.2))), None);
+    }
+
+    #[test]
+    fn a_line_that_slip_broadens_is_no_multiple_it_lies_beside() {
+        // As wide as the one that wanders about 99.3 Hz, but about 98.9 Hz.
+        let broad = [(98.9, 0.8), (98.5, 0.6), (99.3, 0.6), (98.2, 0.4), (99.6, 0.4), (33.1, 0.5)];
+        assert_eq!(slower_of(&broad, None), None);
+        // A third of it within 0.6/T is slower, whatever the line looks like.
+        let sharp = [(98.9, 0.8), (32.967, 0.5)];
+        assert!(slower_of(&sharp, None).is_some());
     }
 }
