@@ -44,28 +44,40 @@ impl<'a> Spread<'a> {
         HANN_LOBE / self.spectrum.duration_s
     }
 
-    /// Frequencies and powers over the floor of the bins from `low_hz` to `high_hz`, without those of known lines apart from a line at `frequency_hz`.
-    fn powers(&self, frequency_hz: f64, (low_hz, high_hz): (f64, f64)) -> Vec<(f64, f64)> {
-        let (spectrum, reach_hz) = (self.spectrum, self.task.resolution.0);
-        let near = |hz: &f64| (low_hz - reach_hz..high_hz + reach_hz).contains(hz);
+    /// Known lines as near to `about_hz` as `reach_hz` and the resolution, and apart from a line at `frequency_hz`, Hz.
+    fn known_apart(&self, frequency_hz: f64, (about_hz, reach_hz): (f64, f64)) -> Vec<f64> {
+        let reach_hz = reach_hz + self.task.resolution.0;
+        let near = |hz: &f64| (hz - about_hz).abs() < reach_hz;
         let known = self.task.known.iter().map(|line| line.frequency.0).filter(near);
-        let known: Vec<f64> = known.filter(|hz| is_apart(spectrum, *hz, frequency_hz)).collect();
-        let bins = bin_at(low_hz.max(0.0), spectrum.bin_hz)..=bin_at(high_hz, spectrum.bin_hz);
-        let read = bins.filter_map(|k| {
-            let depth = f64::from(*spectrum.depth.get(k)?);
-            Some((k as f64 * spectrum.bin_hz, depth * depth - self.floor))
-        });
-        read.filter(|(hz, _)| !known.iter().any(|known_hz| (known_hz - hz).abs() < reach_hz))
-            .collect()
+        known.filter(|hz| is_apart(self.spectrum, *hz, frequency_hz)).collect()
+    }
+
+    /// Frequencies and powers over the floor of the bins within `reach_hz` of `about_hz`, those at `known` lines left out.
+    fn powers<'b>(
+        &'b self,
+        (about_hz, reach_hz): (f64, f64),
+        known: &'b [f64],
+    ) -> impl Iterator<Item = (f64, f64)> + 'b {
+        let bin_hz = self.spectrum.bin_hz;
+        let is_known =
+            |hz: f64| known.iter().any(|known_hz| (known_hz - hz).abs() < self.task.resolution.0);
+        let bins =
+            bin_at((about_hz - reach_hz).max(0.0), bin_hz)..=bin_at(about_hz + reach_hz, bin_hz);
+        bins.filter_map(move |k| {
+            let depth = f64::from(*self.spectrum.depth.get(k)?);
+            let hz = k as f64 * bin_hz;
+            (!is_known(hz)).then_some((hz, depth * depth - self.floor))
+        })
     }
 
     /// Where the power lies on average as far around `about_hz` as a line at `frequency_hz` may wander, Hz: of what wanders the mean of the
     /// frequencies it has had, wherever it is highest.
     fn centroid(&self, frequency_hz: f64, about_hz: f64) -> f64 {
-        let reach_hz = WANDER * frequency_hz + self.lobe_hz();
-        let powers = self.powers(frequency_hz, (about_hz - reach_hz, about_hz + reach_hz));
-        let power: f64 = powers.iter().map(|(_, power)| power).sum();
-        let moment: f64 = powers.iter().map(|(hz, power)| (hz - about_hz) * power).sum();
+        let range = (about_hz, WANDER * frequency_hz + self.lobe_hz());
+        let known = self.known_apart(frequency_hz, range);
+        let (moment, power) = self
+            .powers(range, &known)
+            .fold((0.0, 0.0), |(moment, power), (hz, p)| (moment + (hz - about_hz) * p, power + p));
         if power > 0.0 { about_hz + moment / power } else { frequency_hz }
     }
 }
@@ -74,11 +86,14 @@ impl<'a> Spread<'a> {
 /// lines apart from it left out: then it has not wandered, and neither has what it is a multiple of.
 pub(super) fn is_sharp(spread: &Spread<'_>, frequency_hz: f64) -> bool {
     let (lobe_hz, reach_hz) = (spread.lobe_hz(), WANDER * frequency_hz);
+    if reach_hz <= lobe_hz {
+        return false;
+    }
+    let known = spread.known_apart(frequency_hz, (frequency_hz, reach_hz));
     let power_within = |within_hz: f64| -> f64 {
-        let range = (frequency_hz - within_hz, frequency_hz + within_hz);
-        spread.powers(frequency_hz, range).iter().map(|(_, power)| power).sum()
+        spread.powers((frequency_hz, within_hz), &known).map(|(_, power)| power).sum()
     };
-    reach_hz > lobe_hz && power_within(lobe_hz) >= SHARP * power_within(reach_hz)
+    power_within(lobe_hz) >= SHARP * power_within(reach_hz)
 }
 
 /// Whether the power about a line at `frequency_hz` lies on average at the `multiple` of a slower line's place, or of where the power about that
