@@ -42,6 +42,7 @@ pub mod fir;
 pub mod filter_bank;
 pub mod kurtogram;
 pub mod envelope;
+pub mod turn_gate;
 pub mod band_envelope;
 pub mod impulsive;
 pub mod low_band;

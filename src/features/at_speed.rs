@@ -11,12 +11,12 @@ use super::comb::Comb;
 use super::impulses;
 use super::impulses::Impulses;
 use super::limit;
-use super::lines;
 use super::lines::LineReader;
 use super::orbit;
 use super::overall;
 use super::plans::Plans;
 use super::run_up;
+use super::sets;
 use super::shaft;
 use super::speed;
 use super::speed::Phase;
@@ -43,6 +43,7 @@ pub(super) struct AtSpeed {
     pub(super) shaft_lines: Vec<shaft::OverFloor>,
     pub(super) bearing_lines: Vec<bearing::LineSearch>,
     pub(super) lower_lines: Arc<[Vec<bearing::LineSearch>]>,
+    pub(super) between_lines: Arc<[bearing::LineSearch]>,
     pub(super) elsewhere: Vec<Elsewhere>,
     pub(super) absolute_lines: Vec<AbsoluteLine>,
     pub(super) impulses: Vec<Impulses>,
@@ -116,7 +117,8 @@ impl Reader<'_> {
             others.for_each(|(at, lines)| at.lines.extend_from_slice(lines));
             of_channels.push(lines);
         }
-        found.lower_lines = lines::lower_lines(&of_channels);
+        found.lower_lines = sets::lower_lines(&of_channels);
+        found.between_lines = sets::between_lines(&of_channels);
     }
 
     /// Adds to every trace what is read along the shafts; the 1× lines against the noise around them.

@@ -125,6 +125,7 @@ impl Extractor {
             shaft_lines: read.shaft_lines,
             bearing_lines: read.bearing_lines,
             lower_lines: read.lower_lines,
+            between_lines: read.between_lines,
             elsewhere: read.elsewhere,
             absolute_lines: read.absolute_lines,
             impulses: read.impulses,

@@ -15,12 +15,17 @@ use super::impulses::Blows;
 use super::impulses::Rates;
 use super::plans::Plans;
 use super::reach;
+use super::sets::BandLines;
+use super::sets::Besides;
+use super::sets::ChannelLines;
+use super::sets::Sets;
 use super::targets;
 use super::targets::HANN_LOBE;
 use super::targets::MIN_WIDTH_PER_LINE;
 use super::targets::Target;
 use crate::dsp::envelope;
 use crate::dsp::real::floor_index;
+use crate::dsp::turn_gate;
 use crate::dsp::whiten;
 use crate::dsp::whiten::WhitenPlan;
 use crate::machine::Machine;
@@ -29,7 +34,6 @@ use crate::machine::sensor::Sensor;
 use crate::signal::ChannelIndex;
 use crate::units::Hz;
 use rustfft::num_complex::Complex;
-use std::sync::Arc;
 
 /// Bins that stand more than this many noise levels high are discrete lines and are held there in the whitened
 /// bands (20 dB): one tone then carries 1 % of a band of 1 kHz in 10 s, while impacts, a comb of a hundred lines,
@@ -60,86 +64,6 @@ pub struct LineReader<'m> {
 
 /// A channel of a search: index, rate, sample range.
 type Heard = (ChannelIndex, Hz, (u64, u64));
-
-/// What one channel's envelopes tell of all lines of all bearings that its sensor listens to.
-#[derive(Debug, Default)]
-pub struct ChannelLines {
-    /// At the speed.
-    pub here: Vec<LineSearch>,
-    /// The same in the sets of bands below (F4), widest first.
-    pub lower: Vec<Vec<LineSearch>>,
-    /// As `here` at each of the other speeds.
-    pub elsewhere: Vec<Vec<LineSearch>>,
-}
-
-/// The searches of all channels in each set of bands below, each channel in its lowest where it has fewer, or in its only one (F4).
-#[must_use]
-pub fn lower_lines(channels: &[ChannelLines]) -> Arc<[Vec<LineSearch>]> {
-    let n_sets = channels.iter().map(|channel| channel.lower.len()).max().unwrap_or(0);
-    let of_channel = |channel: &ChannelLines, set: usize| {
-        let lowest = channel.lower.get(set).or_else(|| channel.lower.last());
-        lowest.unwrap_or(&channel.here).clone()
-    };
-    let of_set = |set| channels.iter().flat_map(|channel| of_channel(channel, set)).collect();
-    (0..n_sets).map(of_set).collect()
-}
-
-/// The bands that one channel is demodulated in.
-struct Sets {
-    /// Those of the usable band.
-    whole: Vec<Band>,
-    octaves: Vec<Band>,
-    /// The sets below, widest first.
-    lower: Vec<Vec<Band>>,
-}
-
-/// One band and what was read in it of every line that was asked for.
-type BandLines = (Band, Vec<Option<BandReading>>);
-
-impl Sets {
-    /// Each band once: sets share those of the sets above them.
-    fn distinct(&self) -> Vec<Band> {
-        let all = self.whole.iter().chain(&self.octaves).chain(self.lower.iter().flatten());
-        let mut distinct: Vec<Band> = Vec::new();
-        for band in all {
-            if !distinct.contains(band) {
-                distinct.push(*band);
-            }
-        }
-        distinct
-    }
-
-    /// Whether a band is asked for lines at other speeds, too: those of the lower sets are not.
-    fn is_for_all(&self, band: &Band) -> bool {
-        self.whole.contains(band) || self.octaves.contains(band)
-    }
-
-    /// Hands what was `read` of each pending line to its search; of the first `n_here` searches those in the sets below.
-    fn hand_out(
-        &self,
-        read: &[BandLines],
-        (pending, n_here): (&[(usize, Target)], usize),
-        searches: &mut [LineSearch],
-    ) -> Vec<Vec<LineSearch>> {
-        let of = |bands: &[Band], line: usize| -> Vec<BandReading> {
-            let readings = |band| Some(&read.iter().find(|(of, _)| of == band)?.1);
-            bands.iter().filter_map(|band| readings(band)?[line].clone()).collect()
-        };
-        for (line, (place, _)) in pending.iter().enumerate() {
-            searches[*place].outcome = Ok(of(&self.whole, line));
-            searches[*place].octaves = of(&self.octaves, line);
-        }
-        let in_set = |set: &Vec<Band>| {
-            let mut there = searches[..n_here].to_vec();
-            for (line, (place, _)) in pending.iter().enumerate().filter(|(_, p)| p.0 < n_here) {
-                there[*place].outcome = Ok(of(set, line));
-                there[*place].octaves = Vec::new();
-            }
-            there
-        };
-        self.lower.iter().map(in_set).collect()
-    }
-}
 
 impl<'m> LineReader<'m> {
     /// Prepares for the speed `first` of the first shaft, told to `told_to` of it.
@@ -214,15 +138,16 @@ impl<'m> LineReader<'m> {
                 pending.push((searches.len() - 1, target));
             }
         }
-        let lower = if pending.is_empty() {
-            Vec::new()
+        let besides = if pending.is_empty() {
+            Besides::default()
         } else {
             self.read_bands((x_hat, n, rate), usable, (&pending, n_here), &mut searches, plans)
         };
         // As many at each speed: what there is to look for does not depend on it.
         let others = searches.split_off(n_here);
         let elsewhere = others.chunks(n_here.max(1)).map(<[LineSearch]>::to_vec).collect();
-        ChannelLines { here: searches, lower, elsewhere }
+        let Besides { lower, between } = besides;
+        ChannelLines { here: searches, lower, between, elsewhere }
     }
 
     /// Blows in the whitened bands of the channel read last.
@@ -231,7 +156,7 @@ impl<'m> LineReader<'m> {
         &self.blows
     }
 
-    /// Demodulates band by band and reads every pending line in each; what the sets below tell of the first `n_here` searches.
+    /// Demodulates band by band and reads every pending line in each; what else there is of the first `n_here` searches.
     fn read_bands(
         &mut self,
         (x_hat, n, rate): (&[Complex<f32>], usize, Hz),
@@ -239,7 +164,7 @@ impl<'m> LineReader<'m> {
         (pending, n_here): (&[(usize, Target)], usize),
         searches: &mut [LineSearch],
         plans: &mut Plans,
-    ) -> Vec<Vec<LineSearch>> {
+    ) -> Besides {
         let duration_s = n as f64 / rate.0;
         let shafts = self.shaft_speeds();
         let whitened = self.whitened((x_hat, n), duration_s, &shafts);
@@ -277,9 +202,52 @@ impl<'m> LineReader<'m> {
                 let mut read = || bearing::read_line(&spectrum, band, &task, &mut self.scratch);
                 if is_asked { read() } else { None }
             });
-            read.push((band, readings.collect()));
+            let readings: Vec<Option<BandReading>> = readings.collect();
+            let hidden = |(line, (place, target)): (usize, &(usize, Target))| {
+                let is_hidden = readings[line].as_ref().is_some_and(BandReading::is_under_events);
+                let is_turning = target.sum_of_races.is_some();
+                (is_whole && *place < n_here && is_turning && is_hidden).then_some(line)
+            };
+            let hidden: Vec<usize> = pending.iter().enumerate().filter_map(hidden).collect();
+            let between =
+                self.between_events((band, bin_hz, tone), (pending, &hidden), duration_s, plans);
+            read.push(BandLines { band, read: readings, between });
         }
         sets.hand_out(&read, (pending, n_here), searches)
+    }
+
+    /// What is read of the `hidden` lines of races that turn in the band demodulated last, the loudest eighth of the turn left out (F31).
+    fn between_events(
+        &mut self,
+        (band, bin_hz, tone): (Band, f64, Option<Hz>),
+        (pending, hidden): (&[(usize, Target)], &[usize]),
+        duration_s: f64,
+        plans: &mut Plans,
+    ) -> Vec<(usize, BandReading)> {
+        let mut found = Vec::new();
+        let (mut e2, mut depth) = (Vec::new(), Vec::new());
+        let mut at: Option<(Hz, Option<f64>)> = None;
+        for line in hidden {
+            let (_, target) = &pending[*line];
+            // Lines of one shaft follow one another.
+            if at.is_none_or(|(speed, _)| speed != target.shaft_speed) {
+                e2.clone_from(&self.e2);
+                let turns_per_sample = target.shaft_speed.0 * duration_s / e2.len() as f64;
+                let mean_square =
+                    turn_gate::leave_out_loudest(&mut e2, turns_per_sample).then(|| {
+                        let plan = plans.envelope_spectrum(e2.len());
+                        depth.resize(plan.n_bins(), 0.0);
+                        plan.process(&e2, &mut depth)
+                    });
+                at = Some((target.shaft_speed, mean_square.flatten()));
+            }
+            let Some(mean_square) = at.and_then(|(_, mean_square)| mean_square) else { continue };
+            let spectrum = DepthSpectrum { depth: &depth, bin_hz, duration_s, mean_square, tone };
+            let task = target.task(duration_s, self.told_to);
+            let reading = bearing::read_line(&spectrum, band, &task, &mut self.scratch);
+            found.extend(reading.map(|reading| (*line, reading)));
+        }
+        found
     }
 
     /// The bands in which the pending lines are read.
@@ -399,93 +367,5 @@ impl<'m> LineReader<'m> {
 }
 
 #[cfg(test)]
-mod tests {
-    use crate::dsp::real::Real;
-    use crate::features::ChannelWindow;
-    use crate::features::Window;
-    use crate::features::WindowFeatures;
-    use crate::features::bearing::LineSearch;
-    use crate::features::extract::Extractor;
-    use crate::features::speed::SpeedHints;
-    use crate::machine::file;
-    use crate::signal::ChannelInfo;
-    use crate::units::Hz;
-    use crate::units::Unit;
-    use rand::RngExt;
-    use rand::SeedableRng;
-    use rand_pcg::Pcg64Mcg;
-    use std::sync::Arc;
-
-    /// Two seconds of noise at 48 kHz, and at a rate of the bearing blows that ring at 2 kHz.
-    fn struck() -> Vec<f32> {
-        let mut random = Pcg64Mcg::seed_from_u64(3);
-        let at = |i: u32| {
-            let since = (f64::from(i) / 48e3) % (1.0 / 105.0);
-            (-since * 600.0).exp() * (since * std::f64::consts::TAU * 2e3).sin()
-        };
-        (0..96_000).map(|i| f32::rounded(at(i) + random.random_range(-1.0..1.0_f64))).collect()
-    }
-
-    /// What channels of these names (`slow` at 12 kHz, all others at 48) tell of the same record, with more lines of their sensors' descriptions.
-    fn features(sensors: &[(&str, &str)]) -> WindowFeatures {
-        let of_sensor = |(name, more): &(&str, &str)| {
-            format!(
-                "[[sensor]]\nchannel='{name}'\nkind='accelerometer'\nunit='g'\nat={{bearing='b'}}\n{more}\n"
-            )
-        };
-        let text = format!(
-            "[machine]\nid='m'\n[[shaft]]\nid='s'\nspeed_hz=30.0\n[[bearing]]\nid='b'\nshaft='s'\nelements=9\n\
-             element_diameter_mm=7.94\npitch_diameter_mm=39.04\n{}",
-            sensors.iter().map(of_sensor).collect::<String>()
-        );
-        let channels: Vec<ChannelInfo> = sensors
-            .iter()
-            .map(|(name, _)| ChannelInfo {
-                name: (*name).into(),
-                sample_rate: Hz(if *name == "slow" { 12e3 } else { 48e3 }),
-                unit: Unit::MetrePerSecondSquared,
-                full_scale: None,
-                offset: 0.0,
-                unit_conflict: None,
-            })
-            .collect();
-        let machine = Arc::new(file::parse(&text, "m.toml").unwrap());
-        let samples = struck();
-        let slow: Vec<f32> = samples.iter().step_by(4).copied().collect();
-        let run = |(name, _): &(&str, &str)| {
-            let samples = if *name == "slow" { &slow[..] } else { &samples[..] };
-            Some(ChannelWindow { start: 0, time_s: 0.0, samples })
-        };
-        let window = Window { time_s: (0.0, 2.0), channels: sensors.iter().map(run).collect() };
-        Extractor::new(machine, channels, SpeedHints::default()).extract(&window)
-    }
-
-    #[test]
-    fn a_set_below_reads_what_a_sensor_tells_whose_usable_band_ends_there() {
-        let all = features(&[("x", "")]);
-        assert_eq!(all.lower_lines.len(), 2, "22.8 kHz: of 5.7 a quarter holds eight lines");
-        let outcomes = |lines: &[LineSearch]| -> Vec<_> {
-            lines.iter().map(|s| (s.line, s.outcome.clone())).collect()
-        };
-        for (lines, top) in all.lower_lines.iter().zip([11_400.0, 5_700.0]) {
-            let there = features(&[("x", &format!("usable_hz=[0.0, {top:.1}]"))]);
-            assert_eq!(outcomes(lines), outcomes(&there.bearing_lines));
-            assert_ne!(outcomes(&all.bearing_lines), outcomes(&there.bearing_lines));
-        }
-        let covered =
-            |lines: &[LineSearch]| -> Vec<_> { lines.iter().map(|s| s.covered.clone()).collect() };
-        assert_eq!(covered(&all.lower_lines[0]), covered(&all.bearing_lines), "of all of the band");
-    }
-
-    #[test]
-    fn every_channel_is_in_every_set_below() {
-        let both = features(&[("x", ""), ("slow", "")]);
-        let alone = features(&[("slow", "")]);
-        assert!(alone.lower_lines.is_empty(), "12 kHz");
-        let slow = |lines: &[LineSearch]| -> Vec<LineSearch> {
-            lines.iter().filter(|s| s.channel.0 == 1).cloned().collect()
-        };
-        assert_eq!(both.lower_lines[0].len(), both.bearing_lines.len());
-        assert_eq!(slow(&both.lower_lines[0]), slow(&both.bearing_lines), "in its only one");
-    }
-}
+#[path = "lines_tests.rs"]
+mod tests;

@@ -22,6 +22,7 @@ pub mod bearing;
 pub mod reach;
 mod targets;
 pub mod impulses;
+pub mod sets;
 pub mod lines;
 pub mod absolute;
 pub mod comb;
@@ -130,6 +131,8 @@ pub struct WindowFeatures {
     /// The same searches in sets of bands of the lower half of the usable band, of its lower quarter, and so on (F4): all channels in each, in the lowest
     /// set they have. Empty where no channel has one.
     pub lower_lines: Arc<[Vec<bearing::LineSearch>]>,
+    /// The searches in all of the usable band, lines of races that turn read between the shaft's events where these hide them (F31). Empty where they hide none.
+    pub between_lines: Arc<[bearing::LineSearch]>,
     /// The same at speeds the shaft may turn at as well, where its speed is only written down (F22).
     pub elsewhere: Vec<Elsewhere>,
     /// Absolute-vibration lines of x/y pairs.

@@ -2,6 +2,7 @@
 
 use super::recording::Track;
 use super::recording::find;
+use crate::diagnosis::bearing::BETWEEN_EVENTS;
 use crate::diagnosis::fault::FaultMode;
 use crate::diagnosis::verdict::ComponentDiagnosis;
 use crate::diagnosis::verdict::Evidence;
@@ -10,6 +11,7 @@ use crate::dsp::envelope::SquaredEnvelopePlan;
 use crate::dsp::envelope::bins_of_band;
 use crate::dsp::fft::FftCache;
 use crate::dsp::fft::ForwardPlan;
+use crate::dsp::turn_gate;
 use crate::features::MIN_WIDTH_PER_LINE;
 use crate::features::bands;
 use crate::features::bearing::DefectLine;
@@ -76,7 +78,8 @@ fn line_of(fault: FaultMode) -> Option<DefectLine> {
 /// The line that decided: that of the fault named, else the one that comes nearest to its threshold.
 pub(super) fn deciding(component: &ComponentDiagnosis) -> Option<(DefectLine, &Evidence)> {
     let lines = component.evidence.iter().filter_map(|evidence| {
-        let slug = evidence.indicator.strip_prefix(INDICATOR)?;
+        let name = evidence.indicator.strip_prefix(INDICATOR)?;
+        let slug = name.strip_suffix(BETWEEN_EVENTS).unwrap_or(name);
         evidence.frequency.or(evidence.expected)?;
         Some((DefectLine::ALL.into_iter().find(|line| line.slug() == slug)?, evidence))
     });
@@ -104,7 +107,11 @@ pub(super) fn figure(
     let found = at_speed.or(evidence.frequency).or(evidence.expected)?;
     let sensor = machine.sensors.iter().find(|sensor| sensor.channel == track.info.name)?;
     let (samples, rate) = track.for_lines();
-    let depths = best_band((samples, rate), bands::usable_band(sensor, rate), found)?;
+    let is_between = evidence.indicator.ends_with(BETWEEN_EVENTS);
+    // The speed of the bearing's own shaft.
+    let without =
+        evidence.order.filter(|order| is_between && *order > 0.0).map(|o| Hz(found.0 / o));
+    let depths = best_band((samples, rate), bands::usable_band(sensor, rate), (found, without))?;
     let orders = machine.bearings.iter().find(|b| b.id == component.id)?.fault_orders()?;
     let top_hz = (f64::from(HARMONICS) + 0.4) * found.0.max(shaft_hz);
     let shown: Vec<usize> =
@@ -132,8 +139,13 @@ pub(super) fn figure(
     } else {
         ""
     };
+    let between = if without.is_some() {
+        " Events of the shaft hide it: the eighth of the turn in which the signal is strongest is left out."
+    } else {
+        ""
+    };
     let caption = caption(component, line, evidence, shaft_hz);
-    Some(Figure { svg, caption: caption + even })
+    Some(Figure { svg, caption: caption + between + even })
 }
 
 fn caption(
@@ -204,8 +216,12 @@ fn cursors(line: DefectLine, found_hz: f64, shaft_hz: f64, orders: &FaultOrders)
     cursors
 }
 
-/// Of the bands that are searched, the one in which the line stands out most.
-fn best_band((samples, rate): (&[f32], Hz), usable: (Hz, Hz), line: Hz) -> Option<Depths> {
+/// Of the bands that are searched, the one in which the line stands out most; `without`: the shaft whose events are left out.
+fn best_band(
+    (samples, rate): (&[f32], Hz),
+    usable: (Hz, Hz),
+    (line, without): (Hz, Option<Hz>),
+) -> Option<Depths> {
     let mut cache = FftCache::new();
     let n = samples.len();
     if n < 64 {
@@ -224,6 +240,9 @@ fn best_band((samples, rate): (&[f32], Hz), usable: (Hz, Hz), line: Hz) -> Optio
         let mut e2 = vec![0.0; squared.out_len()];
         let mut values = vec![0.0; spectrum.n_bins()];
         squared.process(&x_hat, &mut e2);
+        if let Some(shaft) = without {
+            turn_gate::leave_out_loudest(&mut e2, shaft.0 / squared.out_rate_hz(rate.0));
+        }
         spectrum.process(&e2, &mut values)?;
         let width_hz = spectrum.bin_width_hz(squared.out_rate_hz(rate.0));
         let prominence = prominence(&values, line.0 / width_hz)?;

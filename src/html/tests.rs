@@ -204,6 +204,33 @@ fn the_band_shown_is_the_one_that_swings_and_the_line_that_of_the_fault() {
 }
 
 #[test]
+fn what_is_read_between_the_shafts_events_is_drawn_without_them() {
+    let machine = file::parse(MACHINE, "rig.toml").unwrap();
+    let mut bearing = diagnosis().components[1].clone();
+    let mut struck = track("x", 0.0);
+    // Every turn of 400 samples begins with a blow that rings for ten of them.
+    let blows = struck.samples.iter_mut().enumerate().filter(|(i, _)| i % 400 < 10);
+    blows.for_each(|(_, value)| *value *= 30.0);
+    let drawn = |bearing: &ComponentDiagnosis| {
+        envelope::figure(bearing, &machine, 20.0, std::slice::from_ref(&struck)).unwrap()
+    };
+    let hidden = drawn(&bearing);
+    assert!(!hidden.caption.contains("left out"));
+    for line in &mut bearing.evidence {
+        line.order = line.frequency.map(|f| f.0 / 20.0);
+        line.indicator.push_str("_between_events");
+    }
+    let between = drawn(&bearing);
+    assert!(between.caption.contains("Events of the shaft hide it"), "{}", between.caption);
+    assert!(between.caption.contains("found at 108.30 Hz"));
+    assert_ne!(hidden.svg, between.svg);
+    // Without the blows the picture is that of the line alone.
+    let free = envelope::figure(&diagnosis().components[1], &machine, 20.0, &[track("x", 0.0)]);
+    let title = |svg: &str| svg.split("<title>").nth(1).unwrap_or_default().to_owned();
+    assert_eq!(title(&between.svg), title(&free.unwrap().svg), "the same band");
+}
+
+#[test]
 fn a_line_too_small_to_accuse_is_not_shown_as_what_did() {
     let machine = file::parse(MACHINE, "rig.toml").unwrap();
     let mut diagnosis = diagnosis();

@@ -368,6 +368,29 @@ mod tests {
     }
 
     #[test]
+    fn a_race_is_named_between_the_blows_of_a_worn_tooth_and_a_sound_one_is_not() {
+        // The tooth's blows are most of what is heard, and elements modulate them at the race's own rate and its side bands' (F12).
+        let judged = |bearing| {
+            let bad = Bad { gear: true, shaft: false, bearing };
+            let speed = Hz(10.0);
+            let setting = Setting { bad, speed, clearance_um: 8.0, torque_nm: 1.0, seed: 3 };
+            let trial = Rig::simulate(&setting).unwrap().trial("", Some(20.0), None).unwrap();
+            let diagnosis = trial.diagnose().unwrap().unwrap();
+            ["left", "right"].map(|id| {
+                let verdict = diagnosis.components.iter().find(|c| c.id == id).unwrap();
+                (verdict.state.is_accusation(), verdict.fault, verdict.why.clone())
+            })
+        };
+        let [left, right] = judged(Some(1));
+        assert!(!left.0, "{left:?}");
+        assert_eq!(right.1, Some(FaultMode::InnerRace), "{right:?}");
+        assert!(right.2.contains("between the shaft's events"), "{right:?}");
+        for sound in judged(None) {
+            assert!(!sound.0, "{sound:?}");
+        }
+    }
+
+    #[test]
     #[ignore = "three simulations of ten seconds: minutes in the dev profile"]
     fn a_race_is_struck_beside_a_shaft_that_is_bent_far_and_a_sound_one_is_not() {
         // At half the critical speed the accelerometers are at the ends of their range, and the shaft moves in thirteenths of a turn.

@@ -75,7 +75,9 @@ impl<'a> Accepted<'a> {
 /// Searches of a bearing among which the strongest is picked: of each line in each channel and set of bands (C4, C51).
 pub(super) fn n_looks(features: &WindowFeatures, bearing: BearingIndex) -> f64 {
     let own = features.bearing_lines.iter().filter(|s| s.bearing == bearing && s.outcome.is_ok());
-    (own.count() * (1 + features.lower_lines.len())) as f64
+    let n_hearings =
+        1 + features.lower_lines.len() + usize::from(!features.between_lines.is_empty());
+    (own.count() * n_hearings) as f64
 }
 
 /// Accepts proven lines, strongest first, for those they may belong to, until none is left that the accepted do not explain.

@@ -6,13 +6,12 @@ use super::accept::Accepted;
 use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
-use super::looked;
 use super::mains;
-use super::nobodys;
 use super::owner;
 use super::place;
 use super::risen;
 use super::said;
+use super::something_else;
 use crate::diagnosis::Context;
 use crate::features::WindowFeatures;
 use crate::features::bands;
@@ -23,13 +22,6 @@ use crate::features::speed::SpeedSource;
 use crate::features::speed::TOLD_TO;
 use crate::machine::BearingIndex;
 use crate::units::Hz;
-
-/// Lines of several elements in at least this part of the bands, of too little effect to accuse, are
-/// more than chance and less than a verdict: structural lines fill one of four bands at most.
-const AMBIGUOUS_PART: f64 = 0.25 + 1e-9;
-
-/// Such lines must at least be this deep.
-const AMBIGUOUS_DEPTH: f64 = 0.15;
 
 /// The proven lines of one bearing, sorted by what they may say.
 #[derive(Debug, Default)]
@@ -238,31 +230,8 @@ pub(super) fn why_open(
     };
     first
         .or_else(in_few)
-        .or_else(|| of_something_else(candidates, searches, seen))
+        .or_else(|| something_else::of_something_else(candidates, searches, seen))
         .or_else(|| Some(said::half_deep(half_deep(candidates, seen)?, seen)))
-}
-
-/// Why what stands may be something else's than a defect's of this bearing, or hide one, though no line of it that is proven does.
-pub(super) fn of_something_else(
-    candidates: &[Candidate<'_>],
-    searches: &[&LineSearch],
-    seen: &Seen<'_>,
-) -> Option<String> {
-    let of_several = || {
-        let looks = accept::n_looks(seen.features, seen.bearing);
-        let readable = searches.iter().filter(|s| s.outcome.is_ok());
-        // What may be the shaft's proves nothing: neither damage nor health.
-        let lines: Vec<Candidate<'_>> =
-            readable.map(|s| Candidate::weigh_all(s, seen.accepted, looks)).collect();
-        ambiguous(&lines)
-    };
-    nobodys::nobodys(searches, seen)
-        .or_else(|| nobodys::of_turning_load(searches, seen))
-        .or_else(|| nobodys::of_the_cage(candidates, seen))
-        .or_else(of_several)
-        .or_else(|| looked::hidden(searches, seen))
-        .or_else(|| lent(seen))
-        .or_else(|| as_loud_here(seen))
 }
 
 impl<'c> Sorted<'c> {
@@ -288,27 +257,6 @@ pub(super) fn elsewhere(line: &Candidate<'_>, seen: &Seen<'_>) -> Vec<BearingInd
     others.sort();
     others.dedup();
     others
-}
-
-/// A line that is heard at another bearing and may be this one's, as loud as it is here (C45).
-fn as_loud_here(seen: &Seen<'_>) -> Option<String> {
-    let is_here = |a: &&Accepted<'_>| {
-        a.rivals.iter().any(|rival| rival.bearing == seen.bearing && rival.is_as_loud())
-    };
-    let line = seen.accepted.iter().find(is_here)?;
-    let heard = line.owners.first()?;
-    Some(said::as_loud(line.frequency, heard, seen.context))
-}
-
-/// A line that is heard as another bearing's race, and may be this one's (C44).
-fn lent(seen: &Seen<'_>) -> Option<String> {
-    let of_others = seen.accepted.iter().flat_map(|a| a.owners.iter().map(move |s| (a, s)));
-    let mut doubtful = of_others.flat_map(|(a, s)| {
-        let contenders = owner::contenders(s, a.frequency, seen.features);
-        contenders.into_iter().map(move |own| (a, s, own))
-    });
-    let (line, heard, own) = doubtful.find(|(_, _, own)| own.bearing == seen.bearing)?;
-    Some(said::lent(line.frequency, heard, own, seen.context))
 }
 
 /// The lines of other bearings one of which it may be instead (C44).
@@ -359,7 +307,7 @@ fn shows_beside(
         .any(|s| {
             let other = Candidate::weigh(s, &[], looks);
             let at = other.best.as_ref().map(|best| best.frequency);
-            at.is_some_and(|at| has_bands(s, at)) && is_notable(&other)
+            at.is_some_and(|at| has_bands(s, at)) && something_else::is_notable(&other)
         })
 }
 
@@ -455,32 +403,6 @@ pub(super) fn everywhere<'a>(
 /// Whether a baseline has this line of the absolute vibration and it has not grown since.
 pub(super) fn has_not_grown(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     grown::is_as_when_healthy(seen.bearing, line.search.line, seen.features, seen.context)
-}
-
-/// Whether it is there in more than a quarter of the bands, whatever its effect.
-fn is_notable(line: &Candidate<'_>) -> bool {
-    line.depth() >= AMBIGUOUS_DEPTH && line.noted_part() >= AMBIGUOUS_PART
-}
-
-/// Lines of two elements in one channel, each in more than a quarter of the bands, none of effect (C9).
-fn ambiguous(candidates: &[Candidate<'_>]) -> Option<String> {
-    let found: Vec<&Candidate<'_>> = candidates.iter().filter(|c| is_notable(c)).collect();
-    let channel = found.iter().map(|c| c.search.channel).find(|channel| {
-        found
-            .iter()
-            .filter(|c| c.search.channel == *channel && c.search.line != DefectLine::Ftf)
-            .count()
-            > 1
-    })?;
-    let names: Vec<&str> = found
-        .iter()
-        .filter(|c| c.search.channel == channel)
-        .map(|c| c.search.line.name())
-        .collect();
-    Some(format!(
-        "weak lines of several elements ({}): more than chance, too little effect to name a cause",
-        names.join(", ")
-    ))
 }
 
 #[cfg(test)]

@@ -226,6 +226,7 @@ fn told_of(
         }],
         bearing_lines,
         lower_lines: std::sync::Arc::default(),
+        between_lines: std::sync::Arc::default(),
         elsewhere,
         absolute_lines,
         impulses,

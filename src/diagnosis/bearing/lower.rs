@@ -10,6 +10,7 @@ use super::doubt::Seen;
 use super::evidence;
 use super::grown;
 use super::said;
+use super::something_else;
 use crate::diagnosis::Context;
 use crate::diagnosis::fault::ComponentKind;
 use crate::diagnosis::fault::State;
@@ -82,7 +83,7 @@ fn foreign(
         let searches: Vec<&LineSearch> =
             features.bearing_lines.iter().filter(|s| s.bearing == bearing).collect();
         let candidates = candidates(bearing, features, accepted);
-        if doubt::of_something_else(&candidates, &searches, &seen).is_some() {
+        if something_else::of_something_else(&candidates, &searches, &seen).is_some() {
             foreign.extend(DefectLine::ALL.map(|line| (bearing, line)));
             continue;
         }
@@ -94,7 +95,7 @@ fn foreign(
 }
 
 /// The lines of a bearing, weighed.
-fn candidates<'a>(
+pub(super) fn candidates<'a>(
     bearing: BearingIndex,
     features: &'a WindowFeatures,
     accepted: &[Accepted<'_>],
@@ -161,4 +162,4 @@ fn top_of(search: &LineSearch) -> Hz {
 
 #[cfg(test)]
 #[path = "lower_tests.rs"]
-mod tests;
+pub(super) mod tests;

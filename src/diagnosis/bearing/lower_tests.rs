@@ -9,7 +9,7 @@ use crate::features::bearing::DefectLine;
 use crate::features::bearing::LineSearch;
 use crate::units::Hz;
 
-const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
+pub(in crate::diagnosis::bearing) const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
     [[bearing]]\nid='a'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=39.04\n\
     [[bearing]]\nid='b'\nshaft='s'\nelements=9\nelement_diameter_mm=7.94\npitch_diameter_mm=36.0\n\
     [[sensor]]\nchannel='a'\nkind='accelerometer'\nunit='g'\nat={bearing='a'}\n\
@@ -17,7 +17,7 @@ const MACHINE: &str = "[machine]\nid='m'\n[[shaft]]\nid='s'\n\
     [[motor]]\nshaft='s'\npoles=2\nline_frequency_hz=60.0\n";
 
 /// The lines of both inner races, of these depths, at 150 and 270 Hz; outer races that show nothing.
-fn races(inner: f64, of_b: f64) -> Vec<LineSearch> {
+pub(in crate::diagnosis::bearing) fn races(inner: f64, of_b: f64) -> Vec<LineSearch> {
     let silent = |bearing, at| {
         let search = search(bearing, DefectLine::Bpfo, 0.0);
         LineSearch { expected: Hz(at), outcome: Ok(Vec::new()), ..search }
@@ -27,7 +27,7 @@ fn races(inner: f64, of_b: f64) -> Vec<LineSearch> {
 }
 
 /// The same line at another rate.
-fn at(rate: f64, mut search: LineSearch) -> LineSearch {
+pub(in crate::diagnosis::bearing) fn at(rate: f64, mut search: LineSearch) -> LineSearch {
     search.expected = Hz(rate);
     search.outcome.iter_mut().flatten().for_each(|reading| reading.frequency = Hz(rate));
     search

@@ -6,6 +6,8 @@
 //! S1), and what leaves a bearing open besides (C9 to C52). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
+mod acquit;
+mod between;
 mod blows;
 mod candidate;
 mod doubt;
@@ -20,6 +22,7 @@ mod place;
 mod power;
 mod risen;
 mod said;
+mod something_else;
 mod struck;
 
 use super::Context;
@@ -40,6 +43,7 @@ use crate::features::speed::SpeedSource;
 use crate::machine::BearingIndex;
 use crate::signal::ChannelIndex;
 use accept::Accepted;
+pub use between::BETWEEN_EVENTS;
 use candidate::Candidate;
 use doubt::Seen;
 use doubt::Sorted;
@@ -68,15 +72,25 @@ pub fn judge(
         features.elsewhere.iter().for_each(|other| reopen(&mut verdicts, other, features, context));
         blows::reopen(&mut verdicts, features, context);
     }
-    // An accused bearing may be what makes the line.
-    let is_open =
-        |found: &Unplaced| found.bearings.iter().all(|b| !verdicts[b.0].state.is_accusation());
-    let open = unplaced.into_iter().flatten().filter(is_open);
+    let open = unplaced.into_iter().flatten().filter(|found| is_open(found, &verdicts));
     let worst = open.max_by(|a, b| a.severity.total_cmp(&b.severity));
-    if worst.is_none() && verdicts.iter().all(|verdict| !verdict.state.is_accusation()) {
+    if worst.is_none() && nobody_is_accused(&verdicts) {
         lower::look(&mut verdicts, features, context, &accepted);
     }
+    if nobody_is_accused(&verdicts) {
+        between::look(&mut verdicts, features, context, &accepted);
+    }
+    let worst = worst.filter(|found| is_open(found, &verdicts));
     (verdicts, worst)
+}
+
+fn nobody_is_accused(verdicts: &[ComponentDiagnosis]) -> bool {
+    verdicts.iter().all(|verdict| !verdict.state.is_accusation())
+}
+
+/// Whether none of the bearings that a line may come from is accused: that one may be what makes it.
+fn is_open(found: &Unplaced, verdicts: &[ComponentDiagnosis]) -> bool {
+    found.bearings.iter().all(|bearing| !verdicts[bearing.0].state.is_accusation())
 }
 
 /// Ways in which a bearing may be accused where there is a baseline: lines in the envelopes, and what has outgrown the baseline of the
@@ -236,7 +250,7 @@ fn decide(
     match (open, unread) {
         (Some(why), None) | (None, Some(why)) => verdict.why = why,
         (Some(why), Some(unread)) => verdict.why = format!("{why}; besides, {unread}"),
-        (None, None) => acquit_what_is_heard(verdict, candidates, searches, seen),
+        (None, None) => acquit::acquit_what_is_heard(verdict, candidates, searches, seen),
     }
 }
 
@@ -431,61 +445,4 @@ fn sentence(candidate: &Candidate<'_>, context: &Context<'_>) -> String {
         candidate.n_bands,
         candidate.depth(),
     )
-}
-
-/// Healthy, unless the range of a sensor cuts all that could be heard.
-fn acquit_what_is_heard(
-    verdict: &mut ComponentDiagnosis,
-    candidates: &[Candidate<'_>],
-    searches: &[&LineSearch],
-    seen: &Seen<'_>,
-) {
-    match sensor::all_cut(seen.features, heard_in(searches), seen.context) {
-        Some(cut) => verdict.why = cut,
-        None => acquit(verdict, candidates, searches, seen.accepted, seen.features),
-    }
-}
-
-/// Healthy: no line of effect, and none that leaves doubt (`looked`, `doubt`).
-fn acquit(
-    verdict: &mut ComponentDiagnosis,
-    candidates: &[Candidate<'_>],
-    searches: &[&LineSearch],
-    accepted: &[Accepted<'_>],
-    features: &WindowFeatures,
-) {
-    // A line in few bands tells of structure: it weighs by its part of the half that would accuse.
-    let weighed = |c: &Candidate<'_>| c.depth() * (2.0 * c.part()).min(1.0);
-    let strongest = candidates.iter().map(weighed).fold(0.0, f64::max);
-    verdict.state = State::Healthy;
-    verdict.severity = Some(severity::not_accused(severity::of_depth(strongest)));
-    // A line of some depth in some bands leaves doubt, the more of both.
-    let doubt = |c: &Candidate<'_>| c.part() * (c.depth() / severity::WARNING_DEPTH).min(1.0);
-    let doubt = candidates.iter().map(doubt).fold(0.0, f64::max);
-    let speed = 0.5 + 0.5 * features.speed.confidence;
-    verdict.confidence = Some(0.9 * speed * (1.0 - 0.5 * doubt));
-    verdict.why = match candidates
-        .iter()
-        .filter(|c| c.n_showing > 0)
-        .max_by(|a, b| a.depth().total_cmp(&b.depth()))
-    {
-        Some(c) if c.depth() > 0.0 => format!(
-            "no defect line of effect: the deepest is {} with modulation depth {:.2} in {} of {} bands (accused from {:.2} in most)",
-            c.search.line.name(),
-            c.depth(),
-            c.n_showing,
-            c.n_bands,
-            severity::WARNING_DEPTH
-        ),
-        Some(_) | None => "no defect line stands over the noise floor".to_owned(),
-    };
-    if !accepted.is_empty() {
-        verdict.why.push_str("; what a stronger line explains was set aside");
-    }
-    for line in DefectLine::ALL {
-        if let Some(why) = looked::not_read(line, searches) {
-            verdict.why.push_str("; not looked for: ");
-            verdict.why.push_str(&why);
-        }
-    }
 }

@@ -205,6 +205,7 @@ pub(super) fn window(channels: Vec<ChannelFeatures>) -> WindowFeatures {
             .collect(),
         bearing_lines: Vec::new(),
         lower_lines: std::sync::Arc::default(),
+        between_lines: std::sync::Arc::default(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         impulses: Vec::new(),

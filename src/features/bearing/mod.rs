@@ -237,6 +237,9 @@ const FULL_MODULATION: f64 = 0.5;
 /// have side lines no higher than themselves (F12, C49).
 pub const OVER_SHAFT: f64 = 1.2;
 
+/// Depth of the shaft's harmonics from which its events may hide a defect (F31): as deep as a line that accuses, a quarter of the band's energy.
+const HIDING_DEPTH: f64 = 0.5;
+
 /// The elements are taken to modulate this much deeper than the line at their rate says (6 dB): other lines may
 /// stand at the same place and against it.
 const PASSING_MARGIN: f64 = 2.0;
@@ -273,6 +276,13 @@ impl BandReading {
         let modulation = self.passing_depth.map_or(1.0, |depth| (PASSING_MARGIN * depth).min(1.0));
         self.harmonics[0]
             .is_some_and(|h| h.depth <= FULL_MODULATION * self.shaft_depth * modulation)
+    }
+
+    /// Whether the shaft's events hold a quarter of the band's energy at this line's place: of what else there is the depth is small then, however
+    /// far it stands out (F31).
+    #[must_use]
+    pub fn is_under_events(&self) -> bool {
+        self.shaft_depth >= HIDING_DEPTH
     }
 
     /// Whether this line of the turning race is higher than any side line of events that elements modulate which pass the race at

@@ -96,6 +96,15 @@ pub(in crate::diagnosis::bearing) fn judged_below(
     bearing_lines: Vec<LineSearch>,
     lower_lines: Vec<Vec<LineSearch>>,
 ) -> Vec<ComponentDiagnosis> {
+    judged_besides(text, bearing_lines, (lower_lines, Vec::new()))
+}
+
+/// The same, and by lines between the shaft's events.
+pub(in crate::diagnosis::bearing) fn judged_besides(
+    text: &str,
+    bearing_lines: Vec<LineSearch>,
+    (lower_lines, between_lines): (Vec<Vec<LineSearch>>, Vec<LineSearch>),
+) -> Vec<ComponentDiagnosis> {
     let machine = file::parse(text, "m.toml").unwrap();
     let speed = Speed { first: Some(Hz(30.0)), confidence: 1.0, ..Speed::unknown() };
     let features = WindowFeatures {
@@ -107,6 +116,7 @@ pub(in crate::diagnosis::bearing) fn judged_below(
         shaft_lines: Vec::new(),
         bearing_lines,
         lower_lines: lower_lines.into(),
+        between_lines: between_lines.into(),
         elsewhere: Vec::new(),
         absolute_lines: Vec::new(),
         impulses: Vec::new(),
