@@ -368,6 +368,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "two simulations of ten seconds: minutes in the dev profile"]
     fn a_race_is_named_between_the_blows_of_a_worn_tooth_and_a_sound_one_is_not() {
         // The tooth's blows are most of what is heard, and elements modulate them at the race's own rate and its side bands' (F12).
         let judged = |bearing| {
