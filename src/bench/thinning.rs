@@ -14,6 +14,7 @@ use crate::trials::grid::{self, Part, Plan, Task};
 use crate::units::Hz;
 use cpu_time::ThreadTime;
 use serde_json::{Value, json};
+use std::ops::ControlFlow;
 
 /// The columns of the table.
 pub const COLUMNS: [Column; 13] = [
@@ -123,7 +124,10 @@ fn row<'t>(
     let (mut cpu_s, mut channel_s) = (0.0, 0.0);
     for task in tasks {
         let mut trials = Vec::new();
-        task.each(&mut |trial| trials.push(trial));
+        let _all = task.each(&mut |trial| {
+            trials.push(trial);
+            ControlFlow::Continue(())
+        });
         for trial in trials {
             let mut trial = trial.map_err(|why| BenchError::Write(why.into()))?;
             thin(&mut trial, every);

@@ -1,4 +1,4 @@
-//! How far a long command is, on stderr, for people at a terminal.
+//! How far a long command is, on stderr: a bar for people at a terminal, lines of the log for the longest elsewhere.
 
 use super::terminal::clean;
 use indicatif::ProgressBar;
@@ -7,28 +7,58 @@ use indicatif::ProgressStyle;
 use std::io;
 use std::io::IsTerminal;
 use std::path::Path;
+use std::time::Duration;
+use std::time::Instant;
 
 /// Steps of a bar.
 const STEPS: f64 = 1000.0;
 
-/// Shows bars, or nothing.
-#[derive(Debug, Clone, Copy)]
-pub struct Progress {
-    shown: bool,
+/// How often the log says how far a work is.
+const EVERY: Duration = Duration::from_secs(60);
+
+/// How a command shows how far it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Progress {
+    /// Not at all.
+    Hidden,
+    /// A bar, which leaves nothing behind.
+    Bar,
+    /// A line of the log a minute.
+    Log,
 }
 
 impl Progress {
-    /// Shows bars if `wanted` and stderr is a terminal.
+    /// A bar if `wanted` and stderr is a terminal, else nothing.
     #[must_use]
     pub fn new(wanted: bool) -> Self {
-        Self { shown: wanted && io::stderr().is_terminal() }
+        if wanted && io::stderr().is_terminal() { Self::Bar } else { Self::Hidden }
     }
 
-    /// Runs a work on a file and shows the part done that it tells, 0…1; leaves nothing behind.
-    pub fn of<T>(&self, file: &Path, work: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> T {
-        if !self.shown {
-            return work(&mut |_| ());
+    /// The same of a work that may last hours: where stderr is no terminal the log tells how far it is.
+    #[must_use]
+    pub fn of_hours(wanted: bool) -> Self {
+        if io::stderr().is_terminal() { Self::new(wanted) } else { Self::Log }
+    }
+
+    /// Runs a work on a file and shows the part done that it tells, 0…1.
+    pub fn of<T>(self, file: &Path, work: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> T {
+        match self {
+            Self::Hidden => work(&mut |_| ()),
+            Self::Bar => Self::with_bar(file, work),
+            Self::Log => {
+                #[expect(clippy::disallowed_methods, reason = "lines of the log come by the clock")]
+                let begin = Instant::now();
+                let mut lines = Lines::default();
+                work(&mut |part| {
+                    if lines.is_due(begin.elapsed()) {
+                        tracing::info!(work = %file.display(), percent = (100.0 * part).floor(), "under way");
+                    }
+                })
+            }
         }
+    }
+
+    fn with_bar<T>(file: &Path, work: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> T {
         let style = ProgressStyle::with_template("{wide_msg} [{bar:30}] {percent:>3} %");
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> ");
         let target = ProgressDrawTarget::stderr();
@@ -37,6 +67,23 @@ impl Progress {
         let done = work(&mut |part| bar.set_position(step(part)));
         bar.finish_and_clear();
         done
+    }
+}
+
+/// When the log is told.
+#[derive(Default)]
+struct Lines {
+    /// Time of the last line since the work began.
+    last: Duration,
+}
+
+impl Lines {
+    fn is_due(&mut self, elapsed: Duration) -> bool {
+        let is_due = elapsed.saturating_sub(self.last) >= EVERY;
+        if is_due {
+            self.last = elapsed;
+        }
+        is_due
     }
 }
 
@@ -61,10 +108,19 @@ mod tests {
 
     #[test]
     fn the_work_is_done_without_a_terminal_too() {
-        let told = Progress { shown: false }.of(Path::new("x.h5"), |tell| {
-            tell(0.5);
-            7
-        });
-        assert_eq!(told, 7);
+        for progress in [Progress::Hidden, Progress::Log] {
+            let told = progress.of(Path::new("x.h5"), |tell| {
+                tell(0.5);
+                7
+            });
+            assert_eq!(told, 7);
+        }
+    }
+
+    #[test]
+    fn the_log_is_told_once_a_minute() {
+        let mut lines = Lines::default();
+        let is_due = [59, 60, 61, 119, 121, 180, 181].map(|s| lines.is_due(Duration::from_secs(s)));
+        assert_eq!(is_due, [false, true, false, false, true, false, true]);
     }
 }

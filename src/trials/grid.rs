@@ -17,6 +17,7 @@ use super::runs::Shaft;
 use super::stand;
 use super::stand::Disturbance;
 use crate::units::Hz;
+use std::ops::ControlFlow;
 
 /// First seed that figures are reported on.
 pub const FIRST_REPORTED_SEED: u64 = 1000;
@@ -296,70 +297,78 @@ fn rig_tasks(plan: &Plan) -> Vec<Task> {
     tasks
 }
 
+/// Takes a trial, or why it could not be made, and says whether it has had enough.
+pub type Sink<'s> = &'s mut dyn FnMut(Result<Trial, String>) -> ControlFlow<()>;
+
 impl Task {
-    /// Makes the part's trials one after another. What cannot be made is handed on as a sentence.
-    pub fn each(&self, sink: &mut dyn FnMut(Result<Trial, String>)) {
+    /// Makes the part's trials one after another, until the sink has had enough. What cannot be made is handed on as a sentence.
+    pub fn each(&self, sink: Sink<'_>) -> ControlFlow<()> {
         match self {
             Self::Stand(group, setting) => {
-                sink(stand::trial(group, setting).map_err(|e| e.to_string()));
+                sink(stand::trial(group, setting).map_err(|e| e.to_string()))
             }
             Self::Drawn(group, setting) => {
-                sink(drawn::trial(group, setting).map_err(|e| e.to_string()));
+                sink(drawn::trial(group, setting).map_err(|e| e.to_string()))
             }
-            Self::Runs { setting, shafts } => {
-                let baseline = match runs::baseline(setting) {
-                    Ok(baseline) => baseline,
-                    Err(error) => return sink(Err(error.to_string())),
-                };
-                for shaft in shafts {
-                    sink(runs::trial(setting, *shaft, &baseline).map_err(|e| e.to_string()));
-                }
-            }
+            Self::Runs { setting, shafts } => match runs::baseline(setting) {
+                Ok(baseline) => shafts.iter().try_for_each(|shaft| {
+                    sink(runs::trial(setting, *shaft, &baseline).map_err(|e| e.to_string()))
+                }),
+                Err(error) => sink(Err(error.to_string())),
+            },
             Self::Gears(setting) => sink(gears::trial(setting).map(|(trial, _)| trial)),
-            Self::Rig { healthy, noise_db, no_tacho_db, bad } => {
-                let twin = match Rig::healthy_twin(healthy) {
-                    Ok(twin) => twin,
-                    Err(error) => return sink(Err(error.to_string())),
-                };
-                // Each damaged bearing comes after the same rig without its defect.
-                let mut sound: Option<Rig> = None;
-                for bad in bad {
-                    let rig = match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
-                        Ok(rig) => rig.beside(sound.as_ref()),
-                        Err(error) => {
-                            sink(Err(error.to_string()));
-                            continue;
-                        }
-                    };
-                    each_noise(&rig, &twin, (noise_db, no_tacho_db), sink);
-                    if bad.bearing.is_none() {
-                        sound = Some(rig);
-                    }
-                }
-            }
+            Self::Rig { healthy, noise_db, no_tacho_db, bad } => match Rig::healthy_twin(healthy) {
+                Ok(twin) => each_rig((healthy, &twin), bad, (noise_db, no_tacho_db), sink),
+                Err(error) => sink(Err(error.to_string())),
+            },
         }
     }
+}
+
+fn each_rig(
+    (healthy, twin): (&rig::Setting, &Rig),
+    bad: &[Bad],
+    noise_db: (&[Option<f64>], &[f64]),
+    sink: Sink<'_>,
+) -> ControlFlow<()> {
+    // Each damaged bearing comes after the same rig without its defect.
+    let mut sound: Option<Rig> = None;
+    for bad in bad {
+        let rig = match Rig::simulate(&rig::Setting { bad: *bad, ..*healthy }) {
+            Ok(rig) => rig.beside(sound.as_ref()),
+            Err(error) => {
+                sink(Err(error.to_string()))?;
+                continue;
+            }
+        };
+        each_noise(&rig, twin, noise_db, sink)?;
+        if bad.bearing.is_none() {
+            sound = Some(rig);
+        }
+    }
+    ControlFlow::Continue(())
 }
 
 fn each_noise(
     rig: &Rig,
     twin: &Rig,
     (noise_db, no_tacho_db): (&[Option<f64>], &[f64]),
-    sink: &mut dyn FnMut(Result<Trial, String>),
-) {
+    sink: Sink<'_>,
+) -> ControlFlow<()> {
     for noise in noise_db {
         let level = noise.map_or("no noise".to_owned(), |db| format!("noise {db} dB below"));
         for (baseline, twin) in [("no baseline", None), ("baseline", Some(twin))] {
             let group = format!("rig, {level}, {baseline}");
-            sink(rig.trial(&group, *noise, twin).map_err(|e| e.to_string()));
+            sink(rig.trial(&group, *noise, twin).map_err(|e| e.to_string()))?;
             if noise.is_none_or(|db| !no_tacho_db.contains(&db)) {
                 continue;
             }
             for (name, error) in [("low", -WRITTEN_SPEED_ERROR), ("high", WRITTEN_SPEED_ERROR)] {
                 let group = format!("{group}, no tacho, speed 2 % {name}");
                 let trial = rig.trial(&group, *noise, twin).map_err(|e| e.to_string());
-                sink(trial.map(|trial| trial.without_tacho(error)));
+                sink(trial.map(|trial| trial.without_tacho(error)))?;
             }
         }
     }
+    ControlFlow::Continue(())
 }

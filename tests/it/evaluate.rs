@@ -15,6 +15,7 @@ use rotorwatch::capture::writer::CaptureHeader;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use tempfile::TempDir;
 
 const HEADING: &str =
@@ -261,6 +262,34 @@ fn a_thin_grid_has_no_wrong_cause_and_no_false_alarm() {
     }
     let rows = fs::read_to_string(dir.path().join("figures/verdicts.csv")).unwrap();
     assert_eq!(rows.lines().count(), records.len() + 1);
+}
+
+/// Whether a process has a handler for SIGTERM.
+fn handles_term(pid: u32) -> bool {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+    caught.is_some_and(|mask| u64::from_str_radix(mask.trim(), 16).unwrap() & 1 << 14 != 0)
+}
+
+#[test]
+fn a_grid_that_is_stopped_tells_what_was_tried() {
+    let dir = TempDir::new().unwrap();
+    let arguments =
+        ["evaluate", "--grid", "--part", "stand", "--seeds", "1000", "--out", "figures"];
+    let child = support::command().current_dir(dir.path()).args(arguments).spawn().unwrap();
+    support::wait_until("a handler", || handles_term(child.id()).then_some(()));
+    let sent = Command::new("kill").args(["-s", "TERM", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    let ended = child.wait_with_output().unwrap();
+    let (stdout, stderr) =
+        (String::from_utf8(ended.stdout).unwrap(), String::from_utf8(ended.stderr).unwrap());
+    assert_eq!(ended.status.code(), Some(0), "{stderr}");
+    let first = stdout.lines().next().unwrap();
+    assert!(first.contains("grid, seeds 1000 to 1999, stopped after "), "{first}");
+    assert!(first.ends_with(" of 100000 parts"), "{first}");
+    assert!(stderr.contains("stopping"), "{stderr}");
+    let document = fs::read_to_string(dir.path().join("figures/evaluation.json")).unwrap();
+    assert!(document.contains("stopped after"));
 }
 
 #[test]

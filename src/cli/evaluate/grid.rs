@@ -1,7 +1,8 @@
 //! Trials made on the fly instead of captures: made, diagnosed and scored by all processors at once. What was judged wrongly is
-//! kept.
+//! kept. Whoever stops it early gets what was tried so far, of all parts alike.
 
 use super::EvaluateError;
+use super::stop::Stop;
 use crate::cli::progress::Progress;
 use crate::diagnosis::verdict::Diagnosis;
 use crate::evaluation::score;
@@ -15,17 +16,12 @@ use crate::trials::grid::Plan;
 use crate::trials::grid::Task;
 use cpu_time::ThreadTime;
 use std::num::NonZero;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc;
 use std::thread;
-
-/// Name of the grid in tables.
-pub(super) fn name(plan: &Plan) -> String {
-    let last = plan.first_seed + plan.n_seeds.max(1) - 1;
-    format!("grid, seeds {} to {last}", plan.first_seed)
-}
 
 /// Parts that wait to be taken up at most.
 const WAITING: usize = 16;
@@ -47,34 +43,45 @@ pub(super) struct Wrong {
 pub(super) type Keep<'k> =
     &'k mut dyn FnMut(&Record, &Wrong) -> Result<Option<String>, EvaluateError>;
 
-/// Scores every trial of a plan, in the plan's order; with the names of their pages.
+/// What came of a plan.
+#[derive(Debug)]
+pub(super) struct Scored {
+    /// Name of the grid in tables; says so where it was stopped.
+    pub(super) name: String,
+    /// The trials, in the plan's order, with the names of their pages.
+    pub(super) records: Vec<(Record, Option<String>)>,
+}
+
+/// Scores the trials of a plan until all are or `stop` is asked.
 ///
 /// # Errors
 /// When something cannot be kept.
-pub(super) fn records(
+pub(super) fn score(
     plan: &Plan,
-    shows_progress: bool,
+    progress: Progress,
+    stop: &Stop,
     keep: Keep<'_>,
-) -> Result<Vec<(Record, Option<String>)>, EvaluateError> {
+) -> Result<Scored, EvaluateError> {
     let tasks = grid::tasks(plan);
     let next = AtomicUsize::new(0);
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     let mut scored = Vec::with_capacity(tasks.len());
-    Progress::new(shows_progress).of(Path::new("grid"), |tell| {
+    let mut n_whole = 0;
+    progress.of(Path::new("grid"), |tell| {
         thread::scope(|scope| {
             let (done, finished) = mpsc::sync_channel(WAITING);
             for _ in 0..workers {
                 let (done, next, tasks) = (done.clone(), &next, &tasks);
                 scope.spawn(move || {
-                    while let Some((at, task)) = take(next, tasks) {
-                        if done.send((at, of_task(task))).is_err() {
+                    while let Some((at, task)) = take(next, tasks).filter(|_| !stop.is_asked()) {
+                        if done.send((at, of_task(task, stop))).is_err() {
                             return;
                         }
                     }
                 });
             }
             drop(done);
-            for (at, tried) in finished {
+            for (at, (tried, is_whole)) in finished {
                 let mut with_page = |tried: Tried| {
                     let page = tried.wrong.map(|wrong| keep(&tried.record, &wrong)).transpose()?;
                     Ok((tried.record, page.flatten()))
@@ -82,25 +89,56 @@ pub(super) fn records(
                 let records: Result<Vec<_>, EvaluateError> =
                     tried.into_iter().map(&mut with_page).collect();
                 scored.push((at, records?));
+                n_whole += usize::from(is_whole);
                 tell(scored.len() as f64 / tasks.len() as f64);
             }
             Ok::<(), EvaluateError>(())
         })
     })?;
     scored.sort_by_key(|(at, _)| *at);
-    Ok(scored.into_iter().flat_map(|(_, records)| records).collect())
+    let records = scored.into_iter().flat_map(|(_, records)| records).collect();
+    Ok(Scored { name: name(plan, (n_whole, tasks.len())), records })
 }
 
-/// The next part nobody has taken.
+fn name(plan: &Plan, (n_whole, n_tasks): (usize, usize)) -> String {
+    let last = plan.first_seed + plan.n_seeds.max(1) - 1;
+    let seeds = format!("grid, seeds {} to {last}", plan.first_seed);
+    if n_whole == n_tasks {
+        seeds
+    } else {
+        format!("{seeds}, stopped after {n_whole} of {n_tasks} parts")
+    }
+}
+
+/// The next part nobody has taken, of all parts of the grid in turn.
 fn take<'t>(next: &AtomicUsize, tasks: &'t [Task]) -> Option<(usize, &'t Task)> {
-    let at = next.fetch_add(1, Ordering::Relaxed);
+    let at = place(next.fetch_add(1, Ordering::Relaxed), tasks.len())?;
     tasks.get(at).map(|task| (at, task))
 }
 
-fn of_task(task: &Task) -> Vec<Tried> {
+/// Which of `n` places is taken as number `k`: each once, those of a few in a row far apart.
+fn place(k: usize, n: usize) -> Option<usize> {
+    // Multiples of the golden section lie evenly, however many there are.
+    let golden = (n.saturating_mul(618) / 1000).max(1);
+    let step = (golden..=n.max(1)).find(|step| gcd(*step, n) == 1)?;
+    (k < n).then(|| k * step % n)
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Tries a part; and whether nothing of it is left.
+fn of_task(task: &Task, stop: &Stop) -> (Vec<Tried>, bool) {
     let mut tried = Vec::new();
-    task.each(&mut |trial| tried.push(trial.map_or_else(failed, of_trial)));
-    tried
+    let ended = task.each(&mut |trial| {
+        if stop.is_asked() {
+            return ControlFlow::Break(());
+        }
+        tried.push(trial.map_or_else(failed, of_trial));
+        ControlFlow::Continue(())
+    });
+    (tried, ended.is_continue())
 }
 
 /// A trial that could not be made.
@@ -141,4 +179,49 @@ fn of_trial(trial: Trial) -> Tried {
     };
     let keep = |diagnosis| Box::new(Wrong { measured: trial.measured, diagnosis });
     Tried { record, wrong: wrong.map(keep) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trials::grid::Part;
+    use std::collections::BTreeSet;
+
+    const PLAN: Plan = Plan {
+        first_seed: 3,
+        n_seeds: 2,
+        is_thin: true,
+        is_healthy: true,
+        part: Some(Part::Stand),
+    };
+
+    #[test]
+    fn every_place_is_taken_once_and_soon_one_of_each_part() {
+        for n in 1..200 {
+            let places: BTreeSet<_> = (0..n).filter_map(|k| place(k, n)).collect();
+            assert_eq!(places.len(), n, "{n}");
+        }
+        assert_eq!((place(0, 0), place(7, 7)), (None, None));
+        let fifths: BTreeSet<_> =
+            (0..8).filter_map(|k| place(k, 1000)).map(|at| at / 200).collect();
+        assert_eq!(fifths.len(), 5);
+    }
+
+    #[test]
+    fn who_stops_it_gets_what_was_tried_and_how_much_that_is() {
+        let stop = Stop::default();
+        let mut n_kept = 0;
+        let mut keep = |_: &Record, _: &Wrong| {
+            n_kept += 1;
+            Ok(None)
+        };
+        stop.ask();
+        let scored = score(&PLAN, Progress::Hidden, &stop, &mut keep).unwrap();
+        assert!(scored.records.is_empty());
+        assert_eq!(scored.name, "grid, seeds 3 to 4, stopped after 0 of 80 parts");
+        let task = &grid::tasks(&PLAN)[0];
+        let (tried, is_whole) = of_task(task, &Stop::default());
+        assert_eq!((tried.len(), is_whole), (1, true));
+        assert_eq!(name(&PLAN, (80, 80)), "grid, seeds 3 to 4");
+    }
 }
