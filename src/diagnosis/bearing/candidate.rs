@@ -60,6 +60,8 @@ pub(super) struct Candidate<'a> {
     pub(super) best: Option<BandReading>,
     /// Depth that a quarter of the bands reach.
     agreed_depth: f64,
+    /// Depth in the band that owes most of what is no noise to it (F30).
+    depth_beside_noise: f64,
     /// Where in the spectrum its power is.
     pub(super) power: LinePower,
     /// The loudest of the other bearings whose it may be by its rate alone, once it is accepted.
@@ -176,10 +178,13 @@ impl<'a> Candidate<'a> {
         let mut showing: Vec<&BandReading> = readings.iter().filter(|r| shows(r)).collect();
         showing.sort_by(|a, b| b.total_depth().total_cmp(&a.total_depth()));
         let quarter = readings.len().div_ceil(4).max(1);
+        let beside_noise =
+            |r: &&BandReading| r.total_depth() / r.part_beside_noise(search.duration_s());
         let paid =
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {
             agreed_depth: showing.get(quarter - 1).map_or(0.0, |r| r.total_depth()),
+            depth_beside_noise: showing.iter().map(beside_noise).fold(0.0, f64::max),
             power: LinePower::of((&readings, &octaves), own, stands),
             search,
             n_bands: readings.len(),
@@ -252,7 +257,16 @@ impl<'a> Candidate<'a> {
     /// Whether the bands find it as deep as matters: impacts are deep wherever they are heard, passing elements only where they happen
     /// to move the vibration's level.
     pub(super) fn is_agreed(&self) -> bool {
-        self.is_deep_in_many() || self.is_deep_and_carried()
+        self.is_deep_in_many() || self.is_deep_and_carried() || self.is_deep_beside_noise()
+    }
+
+    /// Whether most bands show a line of the race that turns, with side bands at 1×, and one owes half of its energy to it but for the noise in it
+    /// (C54): blows lose depth to noise, not their places.
+    fn is_deep_beside_noise(&self) -> bool {
+        self.search.is_of_turning_race()
+            && self.is_broad()
+            && self.has_side_band()
+            && self.depth_beside_noise >= NARROW_DEPTH
     }
 
     /// Whether a quarter of the bands find it as deep as matters, or most show it and one owes half of its energy to it, or most show a race's with

@@ -137,6 +137,35 @@ fn a_race_that_most_bands_show_with_all_harmonics_need_be_deep_in_one_alone() {
 }
 
 #[test]
+fn noise_in_the_bands_hides_no_agreement_of_a_race_that_turns() {
+    // D = 0.57 in one band of eight and 0.28 in the others, without all harmonics. Noise alone leaves 6/(B·T) of a floor.
+    let agreed = |line: DefectLine, floor: f64, has_side_band: bool| {
+        let mut search = search(line, 8, 0.5);
+        let duration_s = search.duration_s();
+        for (i, reading) in search.outcome.iter_mut().flatten().enumerate() {
+            let cells = (reading.band.high.0 - reading.band.low.0) * duration_s;
+            let depth = if i == 0 { 0.4 } else { 0.2 };
+            let own =
+                |h| Harmonic { depth, power_ratio: depth * depth * cells / (6.0 * floor), ..h };
+            let harmonic = reading.harmonics[0].map(own);
+            reading.harmonics = [harmonic, harmonic, None, None];
+            reading.side_band = harmonic.filter(|_| has_side_band);
+        }
+        let candidate = Candidate::weigh(&search, &[], 4.0);
+        assert!(candidate.is_broad() && candidate.agreed_depth < 0.3, "{line:?} {floor}");
+        candidate.is_agreed()
+    };
+    // Three quarters of the floor of noise are left where half of the energy is noise's, a third where a fifth is.
+    assert!(agreed(DefectLine::Bpfi, 0.75, true));
+    assert!(!agreed(DefectLine::Bpfi, 0.36, true));
+    // Of what strikes at no rate nothing is known.
+    assert!(!agreed(DefectLine::Bpfi, 2.0, true));
+    // Sound elements that pass make the other lines, and those without side bands.
+    assert!(!agreed(DefectLine::Bpfi, 0.75, false));
+    assert!(!agreed(DefectLine::Bpfo, 0.75, true));
+}
+
+#[test]
 fn a_harmonic_that_another_line_explains_adds_nothing() {
     let weak = search(DefectLine::Bpfo, 8, 0.4);
     let alone = Candidate::weigh(&weak, &[], 4.0);

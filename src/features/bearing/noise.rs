@@ -1,4 +1,4 @@
-//! Whether what surrounds a line in a band is noise (F30). Must not know what the line is of.
+//! Whether what surrounds a line in a band is noise, and how much of the band that is (F30). Must not know what the line is of.
 
 use super::BandReading;
 
@@ -6,18 +6,38 @@ use super::BandReading;
 /// the rate, amplitude² of a bin twice that times 1.5/T.
 const OF_NOISE: f64 = 6.0;
 
-/// Part of that from which noise is taken to be there: a band two fifths of whose energy are noise leaves its square, a sixth.
+/// Part of that from which noise is taken to be there: left by noise that holds a twelfth of the band's energy, 1 − √(5/6), beats and all.
 const IS_THERE: f64 = 1.0 / 6.0;
 
+/// Least part of a band's energy that is taken to be no noise: half, where the floor says that noise is twice as much as all else or more.
+const LEAST_PART: f64 = 0.5;
+
+/// A floor so many times what noise alone leaves is no noise's: something strikes at no rate.
+const NO_NOISE: f64 = 1.5;
+
 impl BandReading {
-    /// Whether the floor beside the fundamental is what noise leaves that holds two fifths of the band's energy (F30): the depth tells how much of the
+    /// Floor beside the fundamental over what noise alone would leave in the band; 1 if all of the band is noise.
+    fn floor_of_noise(&self, duration_s: f64) -> Option<f64> {
+        let cells = (self.band.high.0 - self.band.low.0) * duration_s;
+        let fundamental = self.harmonics[0].filter(|h| h.power_ratio > 0.0)?;
+        Some(fundamental.depth.powi(2) / fundamental.power_ratio * cells / OF_NOISE)
+    }
+
+    /// Part of the band's energy that is no noise, as the floor beside the fundamental tells (F30), ½…1: noise that holds a part ν leaves ν² of the
+    /// floor of noise alone, and 2ν(1 − ν) where it beats with all else, together 1 − (1 − ν)².
+    #[must_use]
+    pub fn part_beside_noise(&self, duration_s: f64) -> f64 {
+        match self.floor_of_noise(duration_s) {
+            Some(floor) if floor <= NO_NOISE => (1.0 - floor).max(0.0).sqrt().max(LEAST_PART),
+            Some(_) | None => 1.0,
+        }
+    }
+
+    /// Whether the floor beside the fundamental is what noise leaves that holds a twelfth of the band's energy (F30): the depth tells how much of the
     /// energy comes at the line's rate, and of what is struck without noise all does, however softly.
     #[must_use]
     pub fn is_in_noise(&self, duration_s: f64) -> bool {
-        let cells = (self.band.high.0 - self.band.low.0) * duration_s;
-        self.harmonics[0].is_some_and(|h| {
-            h.power_ratio > 0.0 && h.depth * h.depth / h.power_ratio * cells >= OF_NOISE * IS_THERE
-        })
+        self.floor_of_noise(duration_s).is_some_and(|floor| floor >= IS_THERE)
     }
 }
 
@@ -30,6 +50,7 @@ mod tests {
     use crate::units::Hz;
     use rand::RngExt;
     use rand::SeedableRng;
+    use rand_distr::Distribution;
     use rand_pcg::Pcg64Mcg;
 
     #[test]
@@ -72,5 +93,54 @@ mod tests {
         // ¼·B·T = 2500.
         assert!(reading(2400.0).is_in_noise(10.0));
         assert!(!reading(2600.0).is_in_noise(10.0));
+    }
+
+    #[test]
+    fn the_floor_tells_how_much_of_a_band_is_noise() {
+        // A steady part a² of 1 beside complex noise ν of 1: the powers |a + n|² scatter by ν² + 2ν(1 − ν).
+        let mut random = Pcg64Mcg::seed_from_u64(2);
+        let mut normal = || -> f64 { rand_distr::StandardNormal.sample(&mut random) };
+        for noise in [0.1_f64, 0.3, 0.45] {
+            let n = 40_000;
+            let a = (1.0 - noise).sqrt();
+            let powers: Vec<f64> = (0..n)
+                .map(|_| {
+                    let (re, im) =
+                        (a + normal() * (noise / 2.0).sqrt(), normal() * (noise / 2.0).sqrt());
+                    re * re + im * im
+                })
+                .collect();
+            let mean = powers.iter().sum::<f64>() / f64::from(n);
+            let scatter =
+                powers.iter().map(|p| (p / mean - 1.0).powi(2)).sum::<f64>() / f64::from(n);
+            // Noise alone scatters by 1 and has a floor of 6/(B·T), here 6/(1000·10).
+            let floor_power = scatter * 6.0 / 1e4;
+            let harmonic = Harmonic {
+                power_ratio: 0.09 / floor_power,
+                depth: 0.3,
+                floor_dof: 100.0,
+                searched: Searched::peaks(60.0),
+            };
+            let band = Band { low: Hz(1e3), high: Hz(2e3), whitened: false };
+            let part = BandReading::of_test(band, Hz(50.0), &[harmonic]).part_beside_noise(10.0);
+            assert!((part - (1.0 - noise)).abs() < 0.03, "{part} beside {noise}");
+        }
+    }
+
+    #[test]
+    fn a_floor_that_noise_does_not_leave_says_nothing() {
+        let part = |floor: f64| {
+            let harmonic = Harmonic {
+                power_ratio: 0.25 / (floor * 6.0 / 1e4),
+                depth: 0.5,
+                floor_dof: 100.0,
+                searched: Searched::peaks(60.0),
+            };
+            let band = Band { low: Hz(1e3), high: Hz(2e3), whitened: false };
+            BandReading::of_test(band, Hz(50.0), &[harmonic]).part_beside_noise(10.0)
+        };
+        assert!((part(0.36) - 0.8).abs() < 1e-12);
+        assert!((part(0.9) - 0.5).abs() < 1e-12 && (part(1.4) - 0.5).abs() < 1e-12);
+        assert!((part(1.6) - 1.0).abs() < 1e-12);
     }
 }
