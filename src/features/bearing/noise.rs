@@ -9,7 +9,7 @@ const OF_NOISE: f64 = 6.0;
 /// Part of that from which noise is taken to be there: left by noise that holds a twelfth of the band's energy, 1 − √(5/6), beats and all.
 const IS_THERE: f64 = 1.0 / 6.0;
 
-/// Least part of a band's energy that is taken to be no noise: half, where the floor says that noise is twice as much as all else or more.
+/// Least part of a band's energy that is taken to be no noise: half, where the floor says that noise holds as much as all else or more.
 const LEAST_PART: f64 = 0.5;
 
 /// A floor so many times what noise alone leaves is no noise's: something strikes at no rate.
@@ -24,7 +24,8 @@ impl BandReading {
     }
 
     /// Part of the band's energy that is no noise, as the floor beside the fundamental tells (F30), ½…1: noise that holds a part ν leaves ν² of the
-    /// floor of noise alone, and 2ν(1 − ν) where it beats with all else, together 1 − (1 − ν)².
+    /// floor of noise alone, and 2ν(1 − ν) where it beats with all else, together 1 − (1 − ν)². Noise
+    /// that is not white in the band is taken for more than it is.
     #[must_use]
     pub fn part_beside_noise(&self, duration_s: f64) -> f64 {
         match self.floor_of_noise(duration_s) {
