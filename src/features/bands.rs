@@ -19,6 +19,16 @@ pub struct Band {
     pub whitened: bool,
 }
 
+impl Band {
+    /// Whether `other` is a part of this band, or all of it, by its middle: bands of a set lie inside one another or apart.
+    #[must_use]
+    pub fn holds(&self, other: &Self) -> bool {
+        let width_hz = |band: &Self| band.high.0 - band.low.0;
+        let middle_hz = 0.5 * (other.low.0 + other.high.0);
+        (self.low.0..=self.high.0).contains(&middle_hz) && width_hz(self) > 0.9 * width_hz(other)
+    }
+}
+
 /// Into how many equal bands the usable band is split at each level.
 const SPLITS: [u32; 3] = [1, 2, 4];
 
@@ -136,6 +146,14 @@ mod tests {
         let quarters: Vec<_> = bands.iter().filter(|b| b.high.0 - b.low.0 < 1001.0).collect();
         assert_eq!(quarters.len(), 8);
         assert!((quarters[3].high.0 - 4100.0).abs() < 1e-9, "exact sums of representable widths");
+    }
+
+    #[test]
+    fn a_band_holds_itself_and_its_parts() {
+        let bands = demodulation_bands((Hz(0.1), Hz(4100.0)), Hz(500.0), LEVELS);
+        let held = |i: usize| bands.iter().filter(|b| bands[i].holds(b)).count();
+        // The whole, a half and a quarter, as measured and whitened.
+        assert_eq!([held(0), held(1), held(2), held(3), held(6)], [14, 6, 6, 2, 2]);
     }
 
     #[test]

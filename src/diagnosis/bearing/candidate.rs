@@ -178,8 +178,7 @@ impl<'a> Candidate<'a> {
         let mut showing: Vec<&BandReading> = readings.iter().filter(|r| shows(r)).collect();
         showing.sort_by(|a, b| b.total_depth().total_cmp(&a.total_depth()));
         let quarter = readings.len().div_ceil(4).max(1);
-        let beside_noise =
-            |r: &&BandReading| r.total_depth() / r.part_beside_noise(search.duration_s());
+        let beside_noise = |r: &&BandReading| r.depth_beside_noise(&readings, search.duration_s());
         let paid =
             |part: f64| (confidence::combine(&probabilities, part) * n_looks * N_WAYS).min(1.0);
         Self {

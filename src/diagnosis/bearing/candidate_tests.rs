@@ -166,6 +166,36 @@ fn noise_in_the_bands_hides_no_agreement_of_a_race_that_turns() {
 }
 
 #[test]
+fn what_strikes_at_no_rate_is_told_from_noise_by_the_band_around() {
+    // D = 0.64 in a quarter of the usable band on a floor of 0.97 of noise's; around it on this.
+    let agreed = |around: f64| {
+        let mut search = in_quarters(1.0, 1.0);
+        let duration_s = search.duration_s();
+        for (i, reading) in search.outcome.iter_mut().flatten().enumerate() {
+            let cells = (reading.band.high.0 - reading.band.low.0) * duration_s;
+            let (depth, floor) = match i {
+                5 => (0.45, 0.97),
+                0 | 2 => (0.25, around),
+                _ => (0.2, 0.5),
+            };
+            let own =
+                |h| Harmonic { depth, power_ratio: depth * depth * cells / (6.0 * floor), ..h };
+            let harmonic = reading.harmonics[0].map(own);
+            reading.harmonics = [harmonic, harmonic, None, None];
+            reading.side_band = harmonic;
+        }
+        search.line = DefectLine::Bpfi;
+        search.is_at_rest = false;
+        let candidate = Candidate::weigh(&search, &[], 4.0);
+        assert!(candidate.is_broad() && candidate.agreed_depth < 0.4, "{around}");
+        candidate.is_agreed()
+    };
+    assert!(agreed(0.97));
+    // Twice as wide and the same depth of the floor, where noise would leave half: no noise.
+    assert!(!agreed(1.94));
+}
+
+#[test]
 fn a_harmonic_that_another_line_explains_adds_nothing() {
     let weak = search(DefectLine::Bpfo, 8, 0.4);
     let alone = Candidate::weigh(&weak, &[], 4.0);

@@ -26,12 +26,25 @@ impl BandReading {
     /// Part of the band's energy that is no noise, as the floor beside the fundamental tells (F30), ½…1: noise that holds a part ν leaves ν² of the
     /// floor of noise alone, and 2ν(1 − ν) where it beats with all else, together 1 − (1 − ν)². Noise
     /// that is not white in the band is taken for more than it is.
-    #[must_use]
-    pub fn part_beside_noise(&self, duration_s: f64) -> f64 {
+    fn part_beside_noise(&self, duration_s: f64) -> f64 {
         match self.floor_of_noise(duration_s) {
             Some(floor) if floor <= NO_NOISE => (1.0 - floor).max(0.0).sqrt().max(LEAST_PART),
             Some(_) | None => 1.0,
         }
+    }
+
+    /// Depth of the line over the part of the band's energy that is no noise (F30, C54), `readings` being those of all bands of its channel. Where a
+    /// band around this one has a floor that no noise leaves, none of this one's energy is taken for noise: what strikes at no rate leaves the same
+    /// floor however wide the band, noise less the wider it is, so that the wide band tells them apart and the narrow one may not.
+    #[must_use]
+    pub fn depth_beside_noise(&self, readings: &[Self], duration_s: f64) -> f64 {
+        let is_no_noise = |around: &Self| {
+            around.band.holds(&self.band)
+                && around.floor_of_noise(duration_s).is_some_and(|floor| floor > NO_NOISE)
+        };
+        let part =
+            if readings.iter().any(is_no_noise) { 1.0 } else { self.part_beside_noise(duration_s) };
+        self.total_depth() / part
     }
 
     /// Whether the floor beside the fundamental is what noise leaves that holds a twelfth of the band's energy (F30): the depth tells how much of the
