@@ -2,9 +2,12 @@
 //! powerful, where in the spectrum.
 
 use super::accept::Accepted;
+use super::alone::Alone;
 use super::owner;
 use super::place::Rival;
+use super::power;
 use super::power::LinePower;
+use super::power::OVERHEARD_POWER;
 use crate::diagnosis::confidence;
 use crate::diagnosis::severity;
 use crate::features::bearing;
@@ -14,10 +17,7 @@ use crate::features::bearing::LineSearch;
 use crate::units::Hz;
 
 /// A band counts as showing a line at this probability.
-const BAND_PROBABILITY: f64 = 1e-4;
-
-/// Power ratio from which one bearing drowns another, and a modulated tone what is heard beside it (10 dB).
-const OVERHEARD_POWER: f64 = 10.0;
+pub(super) const BAND_PROBABILITY: f64 = 1e-4;
 
 /// How much higher a line stands over the shaft's events than where it would come from with them (6 dB).
 const OUTDOES: f64 = 2.0;
@@ -34,7 +34,7 @@ const OPEN_DEPTH: f64 = 0.5 * severity::WARNING_DEPTH;
 
 /// Parts of the bands that must agree.
 const MOST: f64 = 0.5;
-const A_QUARTER: f64 = 0.25;
+pub(super) const A_QUARTER: f64 = 0.25;
 
 /// A line of one bearing, read in one channel, after what is explained has been taken out.
 #[derive(Debug, Clone)]
@@ -62,19 +62,17 @@ pub(super) struct Candidate<'a> {
     agreed_depth: f64,
     /// Depth in the band that owes most of what is no noise to it (F30).
     depth_beside_noise: f64,
+    /// Its fundamental, whatever its harmonics do.
+    pub(super) alone: Option<Alone>,
     /// Where in the spectrum its power is.
     pub(super) power: LinePower,
     /// The loudest of the other bearings whose it may be by its rate alone, once it is accepted.
     pub(super) rival: Option<Rival>,
 }
 
-/// Whether a line lives in the lowest band alone in all the channels that listen for it (C12): struck metal
-/// rings at all frequencies, a motion that passing elements impose is smooth and dies out upwards. The force of impacts is white; a
-/// motion without jumps in speed falls by 12 dB an octave: the limit lies halfway.
+/// Whether a line is smooth in all the channels that listen for it (C12).
 pub(super) fn is_smooth(line: &[Candidate<'_>]) -> bool {
-    let above: f64 = line.iter().map(|c| c.power.above_level).sum();
-    let lowest: f64 = line.iter().map(|c| c.power.lowest).sum();
-    line.iter().any(|c| c.power.above.is_some()) && above < lowest
+    power::is_smooth(line.iter().map(|c| &c.power))
 }
 
 /// The same where a band above could have shown it in one channel at least: nothing hides it there.
@@ -82,12 +80,9 @@ pub(super) fn is_seen_to_be_smooth(line: &[Candidate<'_>]) -> bool {
     is_smooth(line) && line.iter().any(|c| !c.power.is_hidden_above)
 }
 
-/// Whether at this rate a tone is modulated with ten times the power of all else that is heard at it, in the channels that listen for it
-/// (C34): elements that pass carry the tone's force, damaged or not.
+/// Whether at this rate a tone is modulated, in the channels that listen for it (C34).
 pub(super) fn is_of_tone(line: &[Candidate<'_>]) -> bool {
-    let most = |of: fn(&LinePower) -> f64| line.iter().map(|c| of(&c.power)).fold(0.0, f64::max);
-    let (tone, blows) = (most(|power| power.of_tone), most(|power| power.of_blows));
-    tone > 0.0 && tone >= OVERHEARD_POWER * blows
+    power::is_of_tone(line.iter().map(|c| &c.power))
 }
 
 /// Whether a band shows the line that was read there.
@@ -196,6 +191,7 @@ impl<'a> Candidate<'a> {
             broad_probability: paid(MOST),
             narrow_probability: paid(A_QUARTER),
             best: showing.first().map(|r| (*r).clone()),
+            alone: Alone::weigh((&readings, &octaves), own, n_looks),
             rival: found.and_then(|a| a.rivals.first().copied()),
         }
     }

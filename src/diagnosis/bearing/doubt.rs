@@ -3,6 +3,7 @@
 
 use super::accept;
 use super::accept::Accepted;
+use super::alone::Alone;
 use super::candidate;
 use super::candidate::Candidate;
 use super::grown;
@@ -232,6 +233,7 @@ pub(super) fn why_open(
         .or_else(in_few)
         .or_else(|| something_else::of_something_else(candidates, searches, seen))
         .or_else(|| Some(said::half_deep(half_deep(candidates, seen)?, seen)))
+        .or_else(|| Some(said::alone(alone(candidates, seen)?, seen)))
 }
 
 impl<'c> Sorted<'c> {
@@ -265,23 +267,38 @@ fn contenders<'a>(line: &Candidate<'_>, seen: &Seen<'a>) -> Vec<&'a LineSearch> 
     at.map_or_else(Vec::new, |at| owner::contenders(line.search, at, seen.features))
 }
 
-/// A line that is there, too small to accuse and too deep to acquit (C42), unless sound elements that pass may make it, or a baseline
-/// has it. What strikes elsewhere, or what nobody owns, may be what is heard.
+/// A line that is there, too small to accuse and too deep to acquit (C42), unless sound elements that pass may make it.
 pub(super) fn half_deep<'c>(
     candidates: &'c [Candidate<'c>],
     seen: &Seen<'_>,
 ) -> Option<&'c Candidate<'c>> {
+    let lines = candidates.iter().filter(|line| line.is_half_deep());
+    let open = lines.filter(|line| may_be_own(line, seen) && !is_sound_passing(line, seen));
+    open.max_by(|a, b| a.depth().total_cmp(&b.depth()))
+}
+
+/// The same of a fundamental without its harmonics (C55).
+fn alone<'c>(
+    candidates: &'c [Candidate<'c>],
+    seen: &Seen<'_>,
+) -> Option<(&'c Candidate<'c>, Alone)> {
+    let lines = candidates.iter().filter(|line| may_be_own(line, seen));
+    let alone = lines.filter_map(|line| Some((line, line.alone?)));
+    alone
+        .filter(|(_, alone)| alone.is_deep() && !alone.is_passing())
+        .filter(|(line, _)| !has_not_grown(line, seen))
+        .max_by(|(_, a), (_, b)| a.depth.total_cmp(&b.depth))
+}
+
+/// Whether a line of an element may be this bearing's and news: no baseline has it, and neither what strikes elsewhere nor what nobody owns may be
+/// what is heard.
+fn may_be_own(line: &Candidate<'_>, seen: &Seen<'_>) -> bool {
     let is_own = |a: &Accepted<'_>| {
         !a.owners.is_empty() && a.owners.iter().all(|s| s.bearing == seen.bearing)
     };
-    let is_open = |line: &&Candidate<'_>| {
-        line.search.line != DefectLine::Ftf
-            && line.is_half_deep()
-            && !is_sound_passing(line, seen)
-            && !risen::is_known(line, seen)
-    };
-    let lines = candidates.iter().filter(|_| seen.accepted.iter().all(is_own));
-    lines.filter(is_open).max_by(|a, b| a.depth().total_cmp(&b.depth()))
+    line.search.line != DefectLine::Ftf
+        && seen.accepted.iter().all(is_own)
+        && !risen::is_known(line, seen)
 }
 
 /// Whether it is a cage's line beside which no line of this bearing's races stands in the channel with side bands at the cage's rate, and which no

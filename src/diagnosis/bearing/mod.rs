@@ -3,10 +3,11 @@
 //! Lines are accepted one at a time, the strongest of the whole machine first; what an accepted line
 //! explains (its harmonics and side bands, heard anywhere) no longer counts for another. Two gates:
 //! the combined false-alarm probability over the bands, and the effect size (docs/theory.md, C1–C5,
-//! S1), and what leaves a bearing open besides (C9 to C52, C54; C53 reads once more). A significant line of small effect is evidence, not a verdict.
+//! S1), and what leaves a bearing open besides (C9 to C52, C54, C55; C53 reads once more). A significant line of small effect is evidence, not a verdict.
 
 mod accept;
 mod acquit;
+mod alone;
 mod between;
 mod blows;
 mod candidate;

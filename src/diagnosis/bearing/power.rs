@@ -13,6 +13,26 @@ const LEAST_FALL: f64 = 10.0;
 /// Largest fall of power, a ratio, that is asked (C12): 17 dB, half of that to the fourth quarter, as far up as sound bearings were tried.
 const MOST_FALL: f64 = 49.0;
 
+/// Power ratio from which one bearing drowns another, and a modulated tone what is heard beside it (10 dB).
+pub(super) const OVERHEARD_POWER: f64 = 10.0;
+
+/// Whether a line with these powers in the channels that listen for it lives in the lowest band alone in all of them (C12): struck metal
+/// rings at all frequencies, a motion that passing elements impose is smooth and dies out upwards. The force of impacts is white; a
+/// motion without jumps in speed falls by 12 dB an octave: the limit lies halfway.
+pub(super) fn is_smooth<'p>(channels: impl Iterator<Item = &'p LinePower> + Clone) -> bool {
+    let above: f64 = channels.clone().map(|power| power.above_level).sum();
+    let lowest: f64 = channels.clone().map(|power| power.lowest).sum();
+    channels.map(|power| power.above).any(|above| above.is_some()) && above < lowest
+}
+
+/// Whether at its rate a tone is modulated with ten times the power of all else that is heard at it, in the channels that listen for it
+/// (C34): elements that pass carry the tone's force, damaged or not.
+pub(super) fn is_of_tone<'p>(channels: impl Iterator<Item = &'p LinePower> + Clone) -> bool {
+    let tone = channels.clone().map(|power| power.of_tone).fold(0.0, f64::max);
+    let blows = channels.map(|power| power.of_blows).fold(0.0, f64::max);
+    tone > 0.0 && tone >= OVERHEARD_POWER * blows
+}
+
 /// Power a line carries (C4, C45), u².
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct LinePower {

@@ -1,5 +1,6 @@
 //! The sentences of what neither accuses nor acquits a bearing (docs/theory.md, C9). Must not decide anything.
 
+use super::alone::Alone;
 use super::candidate;
 use super::candidate::Candidate;
 use super::doubt::Seen;
@@ -240,6 +241,22 @@ pub(super) fn half_deep(line: &Candidate<'_>, seen: &Seen<'_>) -> String {
         "{}; a quarter of the bands find it half as deep as accuses ({:.2}) or deeper: too little to accuse, too much to acquit; {}",
         sentence(line, seen.context),
         severity::WARNING_DEPTH,
+        what_would_tell(line, seen)
+    )
+}
+
+/// Why a fundamental without its harmonics neither accuses nor acquits (C55).
+pub(super) fn alone((line, alone): (&Candidate<'_>, Alone), seen: &Seen<'_>) -> String {
+    format!(
+        "{} {:.1} Hz stands {:.0} dB over the noise floor in the envelope of {} in {} of {} bands, without its harmonics, and a quarter of the bands find \
+         it as deep as {:.2}: what swings at this rate has none, and blows that slip lose them: neither accused nor acquitted; {}",
+        line.search.line.name(),
+        alone.frequency.0,
+        10.0 * alone.power_ratio.max(1.0).log10(),
+        seen.context.channel_name(line.search.channel),
+        alone.n_showing,
+        line.n_bands,
+        alone.depth,
         what_would_tell(line, seen)
     )
 }

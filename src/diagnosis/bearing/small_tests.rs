@@ -1,4 +1,4 @@
-//! Lines too small to accuse and too deep to acquit (docs/theory.md, C42).
+//! Lines too small to accuse and too deep to acquit (docs/theory.md, C42, C55).
 
 use super::tests::changed;
 use super::tests::judged_with;
@@ -72,6 +72,52 @@ fn a_small_line_that_chance_or_sound_elements_make_acquits_as_before() {
     // The baseline of b has 0.05 of it: less than four times that is no news, more warns (C38).
     let known = |depth: f64| judged(vec![of_depth(1, depth)]).remove(1).state;
     assert_eq!((known(0.26), known(0.29)), (State::Healthy, State::Warning));
+}
+
+/// A line that is its fundamental alone.
+fn alone(bearing: usize, line: DefectLine, depth: f64) -> LineSearch {
+    changed(search(bearing, line, depth), |reading| {
+        for lost in reading.harmonics.iter_mut().skip(1).flatten() {
+            (lost.power_ratio, lost.depth) = (1.0, 0.01);
+        }
+    })
+}
+
+#[test]
+fn a_fundamental_without_its_harmonics_acquits_nobody() {
+    let judged_alone = |line: LineSearch| {
+        let at = line.bearing.0;
+        judged(vec![line]).remove(at)
+    };
+    for line in [DefectLine::Bpfi, DefectLine::Bpfo, DefectLine::TwoBsf] {
+        let open = judged_alone(alone(0, line, 0.9));
+        assert_eq!((open.state, open.fault), (State::Undetermined, None), "{}", open.why);
+        assert!(open.why.contains("in 4 of 4 bands, without its harmonics"), "{}", open.why);
+        assert_eq!(judged_alone(alone(0, line, 0.26)).state, State::Undetermined);
+        assert_eq!(judged_alone(alone(0, line, 0.24)).state, State::Healthy);
+    }
+    let healthy = |line: LineSearch| judged_alone(line).state == State::Healthy;
+    assert!(healthy(alone(0, DefectLine::Ftf, 0.26)), "all that elements do swings at the cage's");
+    assert!(healthy(alone(1, DefectLine::Bpfi, 0.26)), "the baseline of b has as much");
+    let chance = changed(alone(0, DefectLine::Bpfi, 0.26), |reading| {
+        reading.harmonics.iter_mut().flatten().for_each(|h| h.power_ratio = 9.0);
+    });
+    assert!(healthy(chance));
+    // Nothing of it above the lowest band, which ends below what structures ring at, or above it.
+    let smooth = |times: f64| {
+        changed(alone(0, DefectLine::Bpfo, 0.26), |reading| {
+            reading.mean_square = if reading.band.low.0 > 0.0 { 0.01 } else { 1.0 };
+            reading.band.low.0 *= times;
+            reading.band.high.0 *= times;
+        })
+    };
+    assert!(healthy(smooth(1.0)) && !healthy(smooth(5.0)));
+    // A tone that swings at the rate carries it.
+    let of_tone = changed(alone(0, DefectLine::Bpfo, 0.26), |reading| {
+        reading.carrier = Some(Hz(2500.0)).filter(|_| reading.band.low.0 == 2e3);
+        reading.mean_square = if reading.carrier.is_some() { 20.0 } else { 1.0 };
+    });
+    assert!(healthy(of_tone));
 }
 
 #[test]
