@@ -301,6 +301,21 @@ fn rig_tasks(plan: &Plan) -> Vec<Task> {
 pub type Sink<'s> = &'s mut dyn FnMut(Result<Trial, String>) -> ControlFlow<()>;
 
 impl Task {
+    /// Trials that [`Self::each`] makes, if all can be made.
+    #[must_use]
+    pub fn n_trials(&self) -> usize {
+        match self {
+            Self::Stand(..) | Self::Drawn(..) | Self::Gears(_) => 1,
+            Self::Runs { shafts, .. } => shafts.len(),
+            Self::Rig { noise_db, no_tacho_db, bad, .. } => {
+                let is_tried =
+                    |noise: &&Option<f64>| noise.is_some_and(|db| no_tacho_db.contains(&db));
+                let without_tacho = noise_db.iter().filter(is_tried).count();
+                bad.len() * 2 * (noise_db.len() + 2 * without_tacho)
+            }
+        }
+    }
+
     /// Makes the part's trials one after another, until the sink has had enough. What cannot be made is handed on as a sentence.
     pub fn each(&self, sink: Sink<'_>) -> ControlFlow<()> {
         match self {

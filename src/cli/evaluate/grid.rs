@@ -21,10 +21,15 @@ use std::path::Path;
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc;
+use std::sync::mpsc::RecvTimeoutError;
 use std::thread;
+use std::time::Duration;
 
 /// Parts that wait to be taken up at most.
 const WAITING: usize = 16;
+
+/// How often it is looked how far the trials are: parts of the rig take minutes each.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// A trial, diagnosed and scored.
 struct Tried {
@@ -66,31 +71,35 @@ pub(super) fn score(
     let next = AtomicUsize::new(0);
     let workers = thread::available_parallelism().map_or(1, NonZero::get);
     let mut scored = Vec::with_capacity(tasks.len());
-    let mut n_whole = 0;
+    let (mut n_whole, n_tried) = (0, AtomicUsize::new(0));
+    let n_trials: usize = tasks.iter().map(Task::n_trials).sum();
     progress.of(Path::new("grid"), |tell| {
         thread::scope(|scope| {
             let (done, finished) = mpsc::sync_channel(WAITING);
             for _ in 0..workers {
-                let (done, next, tasks) = (done.clone(), &next, &tasks);
+                let (done, next, tasks, n_tried) = (done.clone(), &next, &tasks, &n_tried);
                 scope.spawn(move || {
                     while let Some((at, task)) = take(next, tasks).filter(|_| !stop.is_asked()) {
-                        if done.send((at, of_task(task, stop))).is_err() {
+                        if done.send((at, of_task(task, stop, n_tried))).is_err() {
                             return;
                         }
                     }
                 });
             }
             drop(done);
-            for (at, (tried, is_whole)) in finished {
-                let mut with_page = |tried: Tried| {
-                    let page = tried.wrong.map(|wrong| keep(&tried.record, &wrong)).transpose()?;
-                    Ok((tried.record, page.flatten()))
-                };
-                let records: Result<Vec<_>, EvaluateError> =
-                    tried.into_iter().map(&mut with_page).collect();
-                scored.push((at, records?));
-                n_whole += usize::from(is_whole);
-                tell(scored.len() as f64 / tasks.len() as f64);
+            loop {
+                match finished.recv_timeout(LOOK) {
+                    Ok((at, (tried, is_whole))) => {
+                        let with_page = |tried| with_page(tried, &mut *keep);
+                        let records: Result<Vec<_>, EvaluateError> =
+                            tried.into_iter().map(with_page).collect();
+                        scored.push((at, records?));
+                        n_whole += usize::from(is_whole);
+                    }
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => break,
+                }
+                tell(n_tried.load(Ordering::Relaxed) as f64 / n_trials.max(1) as f64);
             }
             Ok::<(), EvaluateError>(())
         })
@@ -98,6 +107,12 @@ pub(super) fn score(
     scored.sort_by_key(|(at, _)| *at);
     let records = scored.into_iter().flat_map(|(_, records)| records).collect();
     Ok(Scored { name: name(plan, (n_whole, tasks.len())), records })
+}
+
+/// A record with the name of its page, if what was said of it is kept.
+fn with_page(tried: Tried, keep: Keep<'_>) -> Result<(Record, Option<String>), EvaluateError> {
+    let page = tried.wrong.map(|wrong| keep(&tried.record, &wrong)).transpose()?;
+    Ok((tried.record, page.flatten()))
 }
 
 fn name(plan: &Plan, (n_whole, n_tasks): (usize, usize)) -> String {
@@ -128,14 +143,15 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Tries a part; and whether nothing of it is left.
-fn of_task(task: &Task, stop: &Stop) -> (Vec<Tried>, bool) {
+/// Tries a part, counting its trials as they are made; and whether nothing of it is left.
+fn of_task(task: &Task, stop: &Stop, n_tried: &AtomicUsize) -> (Vec<Tried>, bool) {
     let mut tried = Vec::new();
     let ended = task.each(&mut |trial| {
         if stop.is_asked() {
             return ControlFlow::Break(());
         }
         tried.push(trial.map_or_else(failed, of_trial));
+        n_tried.fetch_add(1, Ordering::Relaxed);
         ControlFlow::Continue(())
     });
     (tried, ended.is_continue())
@@ -208,6 +224,15 @@ mod tests {
     }
 
     #[test]
+    fn the_whole_grid_of_a_seed_has_the_trials_that_are_counted_for_its_progress() {
+        let plan = Plan { n_seeds: 1, is_thin: false, is_healthy: false, part: None, ..PLAN };
+        let tasks = grid::tasks(&plan);
+        // docs/accuracy.md has a whole one of 6041 records, in 299 parts.
+        assert_eq!(tasks.iter().map(Task::n_trials).sum::<usize>(), 6041);
+        assert_eq!(tasks.len(), 299);
+    }
+
+    #[test]
     fn who_stops_it_gets_what_was_tried_and_how_much_that_is() {
         let stop = Stop::default();
         let mut n_kept = 0;
@@ -220,8 +245,10 @@ mod tests {
         assert!(scored.records.is_empty());
         assert_eq!(scored.name, "grid, seeds 3 to 4, stopped after 0 of 80 parts");
         let task = &grid::tasks(&PLAN)[0];
-        let (tried, is_whole) = of_task(task, &Stop::default());
-        assert_eq!((tried.len(), is_whole), (1, true));
+        let n_tried = AtomicUsize::new(0);
+        let (tried, is_whole) = of_task(task, &Stop::default(), &n_tried);
+        assert_eq!((tried.len(), is_whole), (task.n_trials(), true));
+        assert_eq!(n_tried.into_inner(), 1);
         assert_eq!(name(&PLAN, (80, 80)), "grid, seeds 3 to 4");
     }
 }
